@@ -44,10 +44,6 @@ class RunFacts(msgspec.Struct, frozen=True, kw_only=True):
     method: str
     versions: dict[str, str]
 
-    def builtins(self) -> dict[str, Any]:
-        """The facts by name, as the properties of a recording have them."""
-        return msgspec.structs.asdict(self)
-
 
 class RunSummary(RunFacts, frozen=True, kw_only=True):
     """The content of `summary.json`: the facts, parameters by name, and every episode."""
@@ -113,7 +109,7 @@ class Series:
 
     def _write_summary(self, results: list[EpisodeResult]) -> None:
         parameters = {name: row["value"] for name, row in self.config.table().items()}
-        facts = self.facts.builtins()
+        facts = msgspec.structs.asdict(self.facts)
         summary = RunSummary(**facts, parameters=parameters, episodes=tuple(results))
         write_json(self.out / "summary.json", summary)
 
@@ -134,7 +130,7 @@ class Series:
                 self.scenario,
                 self.config,
                 task.recording_id,
-                self.facts.builtins() | {"episode": number, "starts": starts},
+                msgspec.structs.asdict(self.facts) | {"episode": number, "starts": starts},
                 level=self.record,
                 viewer=self.viewer,
                 policies=self.policy.maps(),

@@ -13,17 +13,8 @@ from analysis.reading.results import FIGURES, RESULTS
 from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
 from cosim.machine.platform.result import Motion, PlatformResult
 
+_QUARTERS = (0, 90, 180, 270, 360)
 TITLES = {"paper": "resembling the printed Fig. 3", "table_ii": "Tables I and II"}
-
-
-def _unit(amplitude_m: float) -> tuple[float, str]:
-    return (1e3, "mm") if amplitude_m >= 1e-4 else (1e6, "µm")
-
-
-def _draw_cycles(axes: Axes, motion: Motion, scale: float, unit: str) -> None:
-    axes.plot(1e3 * motion.time_s, scale * motion.position_m, color=BLUE)
-    axes.set_xlabel("time in ms")
-    axes.set_ylabel(f"position y in {unit}")
 
 
 def _draw_cycle(axes: Axes, motion: Motion, scale: float, unit: str) -> None:
@@ -41,9 +32,7 @@ def _draw_cycle(axes: Axes, motion: Motion, scale: float, unit: str) -> None:
     axes.annotate(
         f"{step:.3g} {unit}", (330.0, y[-1] / 2.0), color=VERMILION, ha="right", va="center"
     )
-    axes.set_xlabel("θ in degrees")
-    axes.set_xticks([0, 90, 180, 270, 360])
-    axes.set_ylabel(f"position y in {unit}")
+    axes.set(xlabel="θ in degrees", xticks=_QUARTERS, ylabel=f"position y in {unit}")
 
 
 def _draw_forces(axes: Axes, motion: Motion) -> None:
@@ -52,9 +41,7 @@ def _draw_forces(axes: Axes, motion: Motion) -> None:
     limit = motion.friction_limit_n[turn]
     axes.plot(angle, motion.driving_force_n[turn], color=BLACK, label="driving force")
     axes.fill_between(angle, -limit, limit, color=GREY, alpha=0.3, lw=0, label="friction holds")
-    axes.set_xlabel("θ in degrees")
-    axes.set_xticks([0, 90, 180, 270, 360])
-    axes.set_ylabel("force in N")
+    axes.set(xlabel="θ in degrees", xticks=_QUARTERS, ylabel="force in N")
     axes.set_ylim(top=1.9 * float(motion.driving_force_n.max()))  # room for the legend
     axes.legend(loc="upper right")
 
@@ -64,8 +51,9 @@ def draw(result: PlatformResult) -> Figure:
     figure, grid = plt.subplots(2, 3, figsize=(WIDTH_IN, 4.4))
     for row, (name, title) in zip(grid, TITLES.items(), strict=True):
         motion: Motion = getattr(result, name)
-        scale, unit = _unit(float(motion.net_displacement_m))
-        _draw_cycles(row[0], motion, scale, unit)
+        scale, unit = (1e3, "mm") if motion.net_displacement_m >= 1e-4 else (1e6, "µm")
+        row[0].plot(1e3 * motion.time_s, scale * motion.position_m, color=BLUE)
+        row[0].set(xlabel="time in ms", ylabel=f"position y in {unit}")
         _draw_cycle(row[1], motion, scale, unit)
         _draw_forces(row[2], motion)
         omega, mu = float(motion.omega_rad_s), float(motion.mu)

@@ -36,7 +36,7 @@ class Cycle(NamedTuple):
         time_s: (n,).
         theta: (n, 2) angles of D and E, rad.
         omega: (n, 2) speeds of D and E, rad/s.
-        apart_rad: mean angle between the masses; 0 where they push together.
+        apart_rad: mean angle between the masses; 0 where they push together, π where they cancel.
         driving_n: (n,) force of both eccentric masses along the body's x axis, Eq. (3).
         friction_n: (n,) friction of all feet along it, mean over MEAN_S.
         holds_n: (n,) largest friction that the feet's load allows, likewise.
@@ -62,20 +62,6 @@ class Cycle(NamedTuple):
     ahead_m: np.ndarray
 
 
-class _Turn(NamedTuple):
-    """A whole turn in a burst: robot, rows of its raw signals, and angles and speeds there."""
-
-    robot: str
-    rows: np.ndarray
-    theta: np.ndarray
-    omega: np.ndarray
-    omega_dot: np.ndarray
-
-    def apart_rad(self) -> float:
-        """Mean angle between the masses: 0 where they push together, π where they cancel."""
-        return abs(float(np.angle(np.exp(1j * self.theta.sum(axis=1)).mean())))
-
-
 def find_cycle(episode: Episode) -> Cycle:
     """The turn, of all in the episode's bursts in which a robot drives, with masses most in step.
 
@@ -86,16 +72,16 @@ def find_cycle(episode: Episode) -> Cycle:
         FigureError: there is none.
         RecordingReadError: the recording has no bursts, angles or parameters.
     """
-    turns = [turn for robot in episode.robots for turn in _turns(episode, robot)]
-    if not turns:
+    cycles = [cycle for robot in episode.robots for cycle in _cycles(episode, robot)]
+    if not cycles:
         raise FigureError(
             f"{episode.origin}: no burst holds a whole turn of the motors in which a robot drives; "
             "record a longer episode"
         )
-    return _cycle(episode, min(turns, key=_Turn.apart_rad))
+    return min(cycles, key=lambda cycle: cycle.apart_rad)
 
 
-def _turns(episode: Episode, robot: str) -> Iterator[_Turn]:
+def _cycles(episode: Episode, robot: str) -> Iterator[Cycle]:
     """The last whole turn of every burst in which a robot drives straight on."""
     raw, dt_s = episode.signals[f"/raw/{robot}/omega"], episode.parameter("dt_s")
     speed = episode.parameter("forward_speed_rad_s")
@@ -111,35 +97,41 @@ def _turns(episode: Episode, robot: str) -> Iterator[_Turn]:
         turned = np.abs(theta[:, 0] - theta[-1, 0])
         if turned[0] >= 2.0 * np.pi:
             first = int(np.flatnonzero(turned >= 2.0 * np.pi)[-1])
-            omega_dot = np.gradient(omega, dt_s, axis=0)
-            yield _Turn(robot, burst[first:], theta[first:], omega[first:], omega_dot[first:])
+            motion = theta, omega, np.gradient(omega, dt_s, axis=0)
+            yield _cycle(episode, robot, burst[first:], *(values[first:] for values in motion))
 
 
-def _cycle(episode: Episode, turn: _Turn) -> Cycle:
-    robot, rows = turn.robot, turn.rows
+def _cycle(
+    episode: Episode,
+    robot: str,
+    rows: np.ndarray,
+    theta: np.ndarray,
+    omega: np.ndarray,
+    omega_dot: np.ndarray,
+) -> Cycle:
+    """Return a turn by its n rows in the bursts, and the motion of D and E there, (n, 2) each."""
+    raw = (episode.signals[f"/raw/{robot}/{name}"] for name in ("friction", "normal", "position"))
     friction, normal, position = (
-        episode.signals[f"/raw/{robot}/{name}"] for name in ("friction", "normal", "position")
+        s._replace(time_s=s.time_s[rows], values=s.values[rows]) for s in raw
     )
-    mu, load = episode.parameter("mu"), normal.values[rows]
-    dt_s = episode.parameter("dt_s")
-    time_s = position.time_s[rows]
+    load, time_s, path = normal.values, position.time_s, position.values[:, :2]
+    mu, dt_s = episode.parameter("mu"), episode.parameter("dt_s")
     headings = episode.signals[f"/sim/{robot}/heading"]
     heading = headings.values[np.argmin(np.abs(headings.time_s - time_s[0]))]
-    path = position.values[rows, :2] - position.values[rows[0], :2]
     return Cycle(
         robot,
         time_s,
-        turn.theta,
-        turn.omega,
-        turn.apart_rad(),
-        _driving_force(episode, turn),
-        _mean(friction.values[rows][:, ::2].sum(axis=1), dt_s),
+        theta,
+        omega,
+        abs(float(np.angle(np.exp(1j * theta.sum(axis=1)).mean()))),
+        _driving_force(episode, theta, omega, omega_dot),
+        _mean(friction.values[:, ::2].sum(axis=1), dt_s),
         _mean(mu * load.sum(axis=1), dt_s),
         np.apply_along_axis(_mean, 0, load, dt_s),
         _largest_impact(load, dt_s),
         load == 0.0,
-        sliding(friction, normal, mu)[rows],
-        path @ [np.cos(heading), np.sin(heading)],
+        sliding(friction, normal, mu),
+        (path - path[0]) @ [np.cos(heading), np.sin(heading)],
     )
 
 
@@ -175,13 +167,13 @@ def _angles(
     return slow.values[before[0]] + dt_s * np.cumsum(omega, axis=0)
 
 
-def _driving_force(episode: Episode, turn: _Turn) -> np.ndarray:
+def _driving_force(episode: Episode, *motion: np.ndarray) -> np.ndarray:
+    """Return the force (n,) along x by angles, speeds and accelerations (n, 2) of D and E."""
     m, r, inertia, g = (episode.parameter(name) for name in ("m", "r", "J", "g"))
-    total = np.zeros(len(turn.theta))
+    total = np.zeros(len(motion[0]))
     for motor, sin_phi in enumerate((1.0, -1.0)):
         mount = MotorMount(m, r, inertia, g, 0.0, 0.0, sin_phi)  # forces do not depend on places
-        columns = (values[:, motor] for values in (turn.theta, turn.omega, turn.omega_dot))
-        states = zip(*columns, strict=True)
+        states = zip(*(values[:, motor] for values in motion), strict=True)
         total += [motor_force(mount, *map(float, state))[0] for state in states]
     return total
 

@@ -77,19 +77,15 @@ def _learning_table(title: str, content: ExperimentResult) -> ReportTable:
         header.append("difference in cm, same seeds")
     runs = len(next(iter(content.variants.values())).runs)
     note = (
-        f"Every start, or 10 000 draws where there are more, for each of {_runs(runs)} of "
-        f"{content.episodes:,} training episodes: mean over the runs and its 95 % Student "
-        "interval, which is left out where too many runs agree."
+        f"Every start, or 10 000 draws where there are more, for each of {runs} "
+        f"run{'s' * (runs > 1)} of {content.episodes:,} training episodes: mean over the runs and "
+        "its 95 % Student interval, which is left out where too many runs agree."
     )
     command = (
         f"python -m agent.experiments {content.experiment} --runs {runs} "
         f"--episodes {content.episodes} --seed {content.seed}"
     )
     return ReportTable(title, note, command, tuple(header), rows)
-
-
-def _runs(count: int) -> str:
-    return "1 run" if count == 1 else f"{count} runs"
 
 
 def transfer_tables(results: Path) -> list[ReportTable]:

@@ -84,9 +84,8 @@ def parse(
         with contextlib.redirect_stderr(said):
             parsed = tyro.cli(options, prog=called, args=arguments, default=default, config=config)
     except SystemExit as end:
-        error: BaseException | None = (
-            end  # tyro takes a ConfigError, as every ValueError, for its own
-        )
+        # tyro takes a ConfigError, as every ValueError, for its own
+        error: BaseException | None = end
         while error is not None and not isinstance(error, UserError):
             error = error.__context__
         if error is not None:

@@ -16,7 +16,7 @@ INTERRUPTED_STATUS = 130
 TERMINATED_STATUS = 143
 BROKEN_PIPE_STATUS = 141
 
-_MENDS = {
+_FIXES = {
     errno.ENOSPC: "the disk is full; free some space and run again",
     errno.EFBIG: "the file grows beyond the limit of this shell; raise it with ulimit -f",
     errno.EIO: "the disk does not answer as it should; choose another place",
@@ -147,10 +147,10 @@ def _run(main: Callable[[], None]) -> None:
         print(f"error: {visible(str(error))}", file=sys.stderr)
         sys.exit(USER_ERROR_STATUS)
     except OSError as error:
-        if error.errno not in _MENDS:
+        if error.errno not in _FIXES:
             raise
         where = f"{error.filename}: " if error.filename else ""
-        print(f"error: {visible(where)}{_MENDS[error.errno]}", file=sys.stderr)
+        print(f"error: {visible(where)}{_FIXES[error.errno]}", file=sys.stderr)
         sys.exit(USER_ERROR_STATUS)
     except KeyboardInterrupt as interrupt:
         print("interrupted", file=sys.stderr)

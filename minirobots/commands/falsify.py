@@ -21,7 +21,9 @@ from minirobots.options import (
 
 if TYPE_CHECKING:
     from agent.falsification.falsify import FalsificationReport
-    from agent.falsification.found import ReplayReport
+    from agent.falsification.found import FoundCase, ReplayReport
+
+_CASE = ("episode", "starts", "seed", "outcome", "gap", "simulated")
 
 
 class Falsify(Distributed, Simulating, Resumable):
@@ -93,14 +95,38 @@ def run(options: Falsify, progress: Progress) -> Result:
 def show(options: Falsify, result: Result) -> None:
     """Print the worst episodes, or what the cases were and are."""
     from agent.falsification.found import ReplayReport
-    from agent.falsification.table import show as show_report
-    from agent.falsification.table import show_replay
+    from cosim.base.command import show_table
+    from cosim.base.errors import in_shell
 
     if isinstance(result, ReplayReport):
-        show_replay(result)
-    else:
-        show_report(result)
-        print(f"results in {options.out}/: falsification.json, cases.json")
+        pairs = list(zip(result.then, result.now, strict=True))
+        rows = [
+            [*_cells(then), *_ended(now), "fails" if now.fails else "holds"] for then, now in pairs
+        ]
+        show_table(None, (*_CASE, "now", "gap now", "simulated now", ""), rows)
+        failed = sum(case.fails for case in result.then)
+        print(f"{result.failing} of {len(rows)} cases fail, {failed} did when they were found")
+        return
+    show_table(None, _CASE, [_cells(case) for case in result.worst], title="worst episodes")
+    ends = ", ".join(f"{count} {outcome}" for outcome, count in result.outcomes.items())
+    after = "an episode without a gap" if result.objective == "gap" else "a time-out"
+    first = "none found" if result.first is None else f"the first in episode {result.first - 1}"
+    print(f"{result.episodes} episodes ({ends}), {result.found} of them {after}: {first}")
+    recordings = [case.recording for case in result.worst if case.recording]
+    if recordings:
+        print(f"open with: {in_shell('rerun')} {recordings[0]}")
+    print(f"results in {options.out}/: falsification.json, cases.json")
+
+
+def _cells(case: "FoundCase") -> list[str]:
+    starts = " ".join(f"({x}, {y})" for x, y in case.starts)
+    return [str(case.number), starts, str(case.seed), *_ended(case)]
+
+
+def _ended(case: "FoundCase") -> list[str]:
+    from cosim.base.table import known
+
+    return [case.outcome, known(case.gap_cm, "{:.3f} cm"), f"{case.sim_time_s:.0f} s"]
 
 
 def failed(result: Result) -> bool:

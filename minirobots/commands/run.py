@@ -123,6 +123,8 @@ class Run(NewFolder, Simulating):
 
 def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     """Train or load, co-simulate, record, and keep `summary.json` up to date."""
+    from msgspec.structs import asdict
+
     from agent.evaluation.series import Series
     from agent.training.recording import write_training
     from cosim.coupling.rl_step import sampled_of
@@ -153,7 +155,7 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     facts = _facts(options, scenario, policy, fmu, driver)
     policy.save(out / "policy.npz")
     if options.record != "none" and log is not None:
-        write_training(out / "training.rrd", policy, log, facts.builtins())
+        write_training(out / "training.rrd", policy, log, asdict(facts))
     series = Series(
         scenario,
         fmu,

@@ -10,13 +10,7 @@ import math
 import numpy as np
 from scipy.optimize import root_scalar
 
-from cosim.machine.platform.motion import (
-    Platform,
-    lift_off_speed,
-    robot_platform,
-    slip_speed,
-    strokes,
-)
+from cosim.machine.platform.motion import lift_off_speed, robot_platform, slip_speed, strokes
 from cosim.model.params import MotorParams, RobotParams
 
 _ANGLES = 4_000
@@ -39,7 +33,8 @@ def least_foot_force(robot: RobotParams, motor: MotorParams, omega_rad_s: float)
     theta = 2.0 * math.pi * (_SETTLED_TURNS + np.linspace(0.0, 1.0, _ANGLES))
     unbalance = platform.m * platform.r
     drive = unbalance * omega**2 * np.sin(theta)
-    normal = _weight(platform) + unbalance * omega**2 * np.cos(theta)
+    weight = (platform.mass + platform.m) * platform.g
+    normal = weight + unbalance * omega**2 * np.cos(theta)
     friction = -drive
     for stroke in strokes(platform, omega, _SETTLED_TURNS + 2):
         sliding = (stroke.start < theta) & (theta < stroke.stop)
@@ -51,10 +46,6 @@ def least_foot_force(robot: RobotParams, motor: MotorParams, omega_rad_s: float)
     radius = robot.foot_radius_m
     rear = (0.5 * radius * normal - pitching) / (1.5 * radius)
     return float(np.minimum(rear, (normal - rear) / 2.0).min())
-
-
-def _weight(platform: Platform) -> float:
-    return (platform.mass + platform.m) * platform.g
 
 
 def foot_lift_speed(robot: RobotParams, motor: MotorParams) -> float:

@@ -13,27 +13,16 @@ from cosim.model.config import CoSimConfig
 STEP = 0.05  # of central differences, relative
 
 
-def _robot(name: str) -> Callable[[CoSimConfig, float], CoSimConfig]:
-    def changed(config: CoSimConfig, factor: float) -> CoSimConfig:
-        value = factor * getattr(config.robot, name)
-        return replace(config, robot=config.robot._replace(**{name: value}))
-
-    return changed
+# Of the robot, and the unbalance of its motors.
+PARAMETERS = ("mu", "m r", "mass_kg", "com_height_m", "foot_radius_m", "motor_radius_m")
 
 
-def _eccentricity(config: CoSimConfig, factor: float) -> CoSimConfig:
-    return replace(config, motor=config.motor._replace(r=factor * config.motor.r))
-
-
-# What changes a configuration by a factor.
-PARAMETERS: dict[str, Callable[[CoSimConfig, float], CoSimConfig]] = {
-    "mu": _robot("mu"),
-    "m r": _eccentricity,
-    "mass_kg": _robot("mass_kg"),
-    "com_height_m": _robot("com_height_m"),
-    "foot_radius_m": _robot("foot_radius_m"),
-    "motor_radius_m": _robot("motor_radius_m"),
-}
+def _changed(config: CoSimConfig, parameter: str, factor: float) -> CoSimConfig:
+    """Return a configuration with a multiple of one of `PARAMETERS`."""
+    if parameter == "m r":
+        return replace(config, motor=config.motor._replace(r=factor * config.motor.r))
+    value = factor * getattr(config.robot, parameter)
+    return replace(config, robot=config.robot._replace(**{parameter: value}))
 
 
 def value_of(config: CoSimConfig, parameter: str) -> float:
@@ -72,8 +61,8 @@ def sensitivities(
         return math.log(high / low) / math.log((1.0 + STEP) / (1.0 - STEP))
 
     found = {
-        name: slope(lambda factor, change=change: speed(change(config, factor), omega_rad_s))
-        for name, change in PARAMETERS.items()
+        name: slope(lambda factor, name=name: speed(_changed(config, name, factor), omega_rad_s))
+        for name in PARAMETERS
     }
     return found | {"motor speed": slope(lambda factor: speed(config, factor * omega_rad_s))}
 
