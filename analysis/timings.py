@@ -7,7 +7,6 @@ import contextlib
 import os
 import time
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -94,21 +93,16 @@ class Timings:
     """
 
     def __init__(self, results: Path, profile: Profile, seed: int) -> None:
-        self._path = results / FILE
-        fields = asdict(profile)
-        self._content = TimingsFile(SCHEMA_VERSION, fields, seed, os.cpu_count(), {})
-        found = read_timings(results)
-        if found is None:
-            return
+        self._path, found = results / FILE, read_timings(results)
         # As it is read back: JSON knows no tuples.
-        asked = msgspec.json.decode(msgspec.json.encode(fields))
-        if (found.profile, found.seed) != (asked, seed):
+        asked = msgspec.json.decode(msgspec.json.encode(profile))
+        if found is not None and (found.profile, found.seed) != (asked, seed):
             raise TimingsError(
                 f"{results}: has the results of profile {found.profile.get('name')}, seed "
                 f"{found.seed}, perhaps of another version; give the options it was started "
                 "with or choose another --out"
             )
-        self._content = found
+        self._content = found or TimingsFile(SCHEMA_VERSION, asked, seed, os.cpu_count(), {})
 
     def finished(self, stage: str) -> bool:
         """Return whether the stage has been completed, by code that does what it does now."""

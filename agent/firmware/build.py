@@ -1,16 +1,15 @@
-"""Writes the firmware's sources and compiles them: for a microcontroller, and for this machine."""
+"""Writes the firmware's sources, and compiles them for a microcontroller."""
 
 import os
 import re
 import struct
 import subprocess
-from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
 from cosim.base.storage import temporary_folder, write_whole
-from fmus.compiler import SAME_BITS, TARGETS, BuildError, compiler_command, host_target
+from fmus.compiler import SAME_BITS, BuildError, compiler_command
 
 SOURCES = Path(__file__).with_name("c")
 # What a robot calls; main.c and board.c are the program around it.
@@ -66,22 +65,6 @@ def write_sources(folder: Path, constants: str) -> list[Path]:
     return [folder / name for name in (*files, "constants.h")]
 
 
-def compile_library(folder: Path, out: Path, sources: Sequence[Path], robot: int = 1) -> None:
-    """Compile a shared library for this machine.
-
-    Args:
-        folder: with the headers.
-        out: file to write.
-        sources: to compile.
-        robot: for which, from 1.
-
-    Raises:
-        BuildError: no compiler was found, or it failed.
-    """
-    target = ("-target", TARGETS[host_target()].triple) if _has_zig() else ()
-    _compile([*target, *FLAGS, "-shared", "-fPIC"], folder, out, sources, robot)
-
-
 def measure(folder: Path, robot: int) -> FirmwareSize:
     """Compile and link a robot's program for a Cortex-M4 and see what it needs.
 
@@ -92,38 +75,24 @@ def measure(folder: Path, robot: int) -> FirmwareSize:
     Raises:
         BuildError: ziglang is missing, or it failed.
     """
-    if not _has_zig():
+    if "ziglang" not in compiler_command():
         raise BuildError("sizes on a Cortex-M4 need its compiler: install ziglang")
-    flags = (*MICROCONTROLLER, *FLAGS, "-Wframe-larger-than=1")
-    link = ("-ffunction-sections", "-Wl,--gc-sections", "-Wl,-e,main")
+    command = [*compiler_command(), *MICROCONTROLLER, *FLAGS, "-Wframe-larger-than=1"]
+    command += ["-ffunction-sections", "-Wl,--gc-sections", "-Wl,-e,main"]
+    command += [f"-DROBOT={robot}", f"-I{folder}", *(str(folder / name) for name in PROGRAM)]
     with temporary_folder() as work:
         program = Path(work) / "firmware.elf"
-        sources = [folder / name for name in PROGRAM]
-        said = _compile([*flags, *link], folder, program, sources, robot)
-        flash, ram = _sections(program.read_bytes())
-    return FirmwareSize(robot, flash, ram, sum(map(int, _FRAME.findall(said))))
-
-
-def _has_zig() -> bool:
-    return "ziglang" in compiler_command()
-
-
-def _compile(
-    flags: Sequence[str], folder: Path, out: Path, sources: Sequence[Path], robot: int
-) -> str:
-    """Compile without the compiler's cache, which suppresses messages, and return its output."""
-    with temporary_folder() as cache:
-        command = [*compiler_command(), *flags, f"-DROBOT={robot}", f"-I{folder}"]
         run = subprocess.run(
-            [*command, *map(str, sources), "-o", str(out)],
-            env=os.environ | {"ZIG_LOCAL_CACHE_DIR": cache},
+            [*command, "-o", str(program)],
+            env=os.environ | {"ZIG_LOCAL_CACHE_DIR": work},  # an older cache suppresses messages
             capture_output=True,
             text=True,
             check=False,
         )
-    if run.returncode:
-        raise BuildError(f"the C compiler failed for the firmware: {run.stderr.strip()}")
-    return run.stderr
+        if run.returncode:
+            raise BuildError(f"the C compiler failed for the firmware: {run.stderr.strip()}")
+        flash, ram = _sections(program.read_bytes())
+    return FirmwareSize(robot, flash, ram, sum(map(int, _FRAME.findall(run.stderr))))
 
 
 def _sections(program: bytes) -> tuple[int, int]:

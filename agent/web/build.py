@@ -1,4 +1,4 @@
-"""Compiles an episode's C: to WebAssembly for pages, and to a library of this machine for tests."""
+"""Compiles an episode's C, to WebAssembly for pages."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,15 +6,7 @@ from pathlib import Path
 from agent.web.layout import render_header
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, temporary_folder, write_whole
-from fmus.compiler import (
-    SAME_BITS,
-    TARGETS,
-    BuildError,
-    compiler_command,
-    compiler_version,
-    host_target,
-    run_compiler,
-)
+from fmus.compiler import SAME_BITS, BuildError, compiler_command, compiler_version, run_compiler
 from fmus.models import ROOT
 from fmus.variables import load_table
 from fmus.variables import render_header as render_variables
@@ -43,18 +35,8 @@ def compile_wasm() -> bytes:
         )
     with temporary_folder() as folder:
         out = Path(folder) / "episode.wasm"
-        _compile(WASM, out)
+        compile_episode(WASM, out)
         return out.read_bytes()
-
-
-def compile_native(out: Path) -> None:
-    """Write the same episode as a shared library of this machine.
-
-    Raises:
-        BuildError: no compiler was found, or it failed.
-    """
-    target = ("-target", TARGETS[host_target()].triple) if "ziglang" in compiler_command() else ()
-    _compile((*target, "-shared", "-fPIC", "-lm"), out)
 
 
 def cached_wasm() -> bytes:
@@ -76,7 +58,12 @@ def _variables() -> str:
     return render_variables(load_table("VibrationMotors"), "")
 
 
-def _compile(flags: Sequence[str], out: Path) -> None:
+def compile_episode(flags: Sequence[str], out: Path) -> None:
+    """Compile an episode's C to the file `out`, with the compiler's `flags` for its platform.
+
+    Raises:
+        BuildError: no compiler was found, or it failed.
+    """
     with temporary_folder() as folder:
         work = Path(folder)
         (work / "layout.h").write_text(render_header())

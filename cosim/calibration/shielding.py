@@ -47,18 +47,13 @@ def _kept(
     motor_fmu: Path,
 ) -> tuple[float, ...]:
     """Return what is measured for a configuration, from the cache where it is there."""
-
-    def load(path: Path) -> tuple[float, ...]:
-        return msgspec.json.decode(path.read_bytes(), type=tuple[float, ...])
-
-    def make() -> tuple[float, ...]:
-        return measure(config, MotorFmu(motor_fmu))
-
-    def save(found: tuple[float, ...], path: Path) -> None:
-        write_json(path, found)
-
     key = digest_of(config, identity_of_fmu(motor_fmu), code_digest(measure))
-    return cached(cache_dir("calibrations") / f"{key}.json", load, make, save)
+    return cached(
+        cache_dir("calibrations") / f"{key}.json",
+        lambda path: msgspec.json.decode(path.read_bytes(), type=tuple[float, ...]),
+        lambda: measure(config, MotorFmu(motor_fmu)),
+        lambda found, path: write_json(path, found),
+    )
 
 
 def with_stopping_distance(

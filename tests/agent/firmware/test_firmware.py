@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import agent
 from agent.deep.policy import NetworkPolicy
-from agent.firmware.build import FLAGS, LIBRARY, MICROCONTROLLER, compile_library, write_sources
+from agent.firmware.build import FLAGS, LIBRARY, MICROCONTROLLER, write_sources
 from agent.firmware.tables import render_constants
 from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
@@ -36,6 +36,7 @@ from cosim.physics.trig import arctangent
 from cosim.simulation.cosimulation import CoSimulation
 from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.simulate import draw_episode
+from tests.references.native import compile_firmware
 
 pytestmark = pytest.mark.long  # it compiles C for every case
 
@@ -68,7 +69,7 @@ class Fleet:
         sources = [folder / name for name in LIBRARY]
         for number in range(1, robots + 1):
             out = folder / f"robot{number}.so"
-            compile_library(folder, out, sources, number)
+            compile_firmware(folder, out, sources, number)
             library = ctypes.CDLL(str(out))
             numbers, pointer = ctypes.c_double, ctypes.c_void_p
             library.robot_decide.argtypes = (pointer, numbers, pointer)

@@ -8,7 +8,6 @@ import pytest
 
 import agent
 from agent.mdp.greedy import PolicyError
-from agent.web.build import compile_native
 from agent.web.packing import load_page_policy, pack, require_playable
 from cosim.base.errors import UserError
 from cosim.model.config import ConfigError
@@ -18,6 +17,7 @@ from cosim.model.world import World
 from cosim.simulation.options import SimulationOptions, resolve
 from tests.agent.deep.test_deep import network
 from tests.agent.firmware.test_firmware import random_policy
+from tests.references.native import compile_page
 from tests.references.web_episode import NativeEpisode, steps_of
 
 pytestmark = pytest.mark.long  # it compiles C, and plays whole episodes
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.long  # it compiles C, and plays whole episodes
 @pytest.fixture(scope="session")
 def library(tmp_path_factory):
     out = tmp_path_factory.mktemp("web") / "library.so"
-    compile_native(out)
+    compile_page(out)
     return out
 
 
