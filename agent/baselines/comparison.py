@@ -6,6 +6,7 @@ the table `agent.baselines.table`.
 
 import time
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import product
 from pathlib import Path
@@ -41,42 +42,39 @@ from cosim.simulation.result import EpisodeResult
 _FILE = Kind("file of a training", "remove it", UserError)
 
 
+@dataclass
 class _Training:
     """A learner in a scenario with a seed, and where its training is kept.
 
     Attributes:
-        scenario, learner, seed: what is trained.
+        out: folder of trainings and policies.
+        scenario, learner, seed, quick: what is trained, see `config_of`.
+        progress: receives what is observed and trained.
         drives: its episodes in the dynamics, as far as they are known.
     """
 
-    def __init__(
-        self,
-        out: Path,
-        scenario: Scenario,
-        learner: Learner,
-        seed: int,
-        quick: bool,
-        progress: Progress,
-    ) -> None:
-        self.scenario, self.seed = scenario, seed
-        self.learner: Learner = learner
-        self.drives: tuple[Drive, ...] = ()
-        self._out, self._quick, self._progress = out, quick, progress
+    out: Path
+    scenario: Scenario
+    learner: Learner
+    seed: int
+    quick: bool
+    progress: Progress
+    drives: tuple[Drive, ...] = ()
 
     @cached_property
     def _config(self) -> Config:
-        return config_of(self.learner, self.scenario, self.seed, self._quick, self._progress)
+        return config_of(self.learner, self.scenario, self.seed, self.quick, self.progress)
 
     @cached_property
     def path(self) -> Path:
         """File of the training, written when it has ended."""
         name = f"{self.scenario.name}-{self.learner}-{self.seed}-{digest(self._config)}.json"
-        return self._out / "runs" / name
+        return self.out / "runs" / name
 
     @property
     def policy(self) -> Path:
         """File of the policy."""
-        return self._out / "policies" / f"{self.path.stem}.npz"
+        return self.out / "policies" / f"{self.path.stem}.npz"
 
     def find(self) -> LearnerRun | None:
         """Return the training with its episodes, None if it is missing."""
@@ -91,7 +89,7 @@ class _Training:
 
         def training(task: str, done: float, total: float | None, state: str = "") -> None:
             name = f"{self.scenario.name} {self.learner}, seed {self.seed}"
-            self._progress(name, done, total, state)
+            self.progress(name, done, total, state)
 
         began = time.perf_counter()
         policy = train(self._config, training, curve.append)
@@ -111,7 +109,7 @@ class _Training:
     def line(self, episodes: int) -> StudyLine:
         """Return the episodes that its policy is to drive."""
         physics = SimulationOptions(through=_through(self.learner, self.scenario))
-        case = case_of(load_policy(self.policy), physics, self.seed, progress=self._progress)
+        case = case_of(load_policy(self.policy), physics, self.seed, progress=self.progress)
         return StudyLine(case, case.sample(min(episodes, len(case.starts))))
 
 

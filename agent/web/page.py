@@ -45,11 +45,9 @@ def render_page(
         worlds: configurations by name that one can choose in the page, with the same obstacles;
             `config` comes first, as `own`.
     """
-    packed = {
-        name: pack(policy, scenario, each)
-        for name, each in {"own": config, **(worlds or {})}.items()
-    }
-    configs, tables = [config, *(worlds or {}).values()], packed["own"].tables
+    configs = {"own": config, **(worlds or {})}
+    packed = {name: pack(policy, scenario, each) for name, each in configs.items()}
+    tables = packed["own"].tables
     data: dict[str, Any] = {
         "scenario": {
             "columns": scenario.columns,
@@ -74,7 +72,7 @@ def render_page(
                 "setup": _kept(parts.setup.tobytes()),
                 "tables": [_kept(parts.tables.get(table, _EMPTY).tobytes()) for table in OF_WORLDS],
             }
-            for (name, parts), each in zip(packed.items(), configs, strict=True)
+            for (name, each), parts in zip(configs.items(), packed.values(), strict=True)
         ],
         "of_worlds": [list(TABLES).index(table) for table in OF_WORLDS],
         "tables": [
