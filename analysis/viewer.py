@@ -153,10 +153,7 @@ def _tab_names(blueprint: dict[str, Any]) -> dict[str, tuple[str, str]]:
 
 
 def _show_tab(
-    viewer: ViewerClient,
-    blueprint: dict[str, Any],
-    names: dict[str, tuple[str, str]],
-    name: str,
+    viewer: ViewerClient, blueprint: dict[str, Any], names: dict[str, tuple[str, str]], name: str
 ) -> None:
     if name not in names:
         raise ViewerError(f"the recording has no tab '{name}'; it has {', '.join(names) or 'none'}")

@@ -36,10 +36,7 @@ from cosim.simulation.result import EpisodeResult
 
 _RESULTS = Kind("file of the certificate's results", "keep both in one folder", UserError)
 # What a certificate is about: with another one it says nothing.
-_SUBJECT = {
-    "policy_digest": "the policy",
-    "scenario_digest": "the policy's scenario",
-}
+_SUBJECT = {"policy_digest": "the policy", "scenario_digest": "the policy's scenario"}
 
 
 # The default sample finds with this probability that a share of the rows was altered.

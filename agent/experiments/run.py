@@ -113,11 +113,7 @@ def run_experiment(
             runs,
         )
         results = train_runs(
-            experiment,
-            out / key,
-            where=where,
-            progress=progress,
-            task=variant.label,
+            experiment, out / key, where=where, progress=progress, task=variant.label
         )
         report = report_of((f"{key}/{run_name(r.run)}", r.policy) for r in results)
         # no single failures

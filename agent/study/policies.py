@@ -72,11 +72,7 @@ class ObjectPolicy:
 
 
 def policy_of(
-    given: Any,
-    scenario: Scenario | None = None,
-    *,
-    seed: int = 0,
-    progress: Progress = silent,
+    given: Any, scenario: Scenario | None = None, *, seed: int = 0, progress: Progress = silent
 ) -> Any:
     """Return the policy, such as a `GreedyPolicy`, that a user names.
 

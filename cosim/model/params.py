@@ -64,8 +64,7 @@ class RobotParams(NamedTuple):
         float, Quantity("m", "assumed", "centre of mass to the left of it, likewise")
     ] = 0.0
     foot_radius_m: Annotated[
-        float,
-        Quantity("m", "assumed: just inside the rim", "circle of the three contacts A, B, C"),
+        float, Quantity("m", "assumed: just inside the rim", "circle of the three contacts A, B, C")
     ] = 0.023
     motor_radius_m: Annotated[
         float,
@@ -88,12 +87,10 @@ class NoiseParams(NamedTuple):
     """
 
     relative_amplitude: Annotated[
-        float,
-        Quantity("1", "Section V", "half width of the uniform noise over the set point"),
+        float, Quantity("1", "Section V", "half width of the uniform noise over the set point")
     ] = 0.05
     hold_s: Annotated[
-        float,
-        Quantity("s", "assumed: the paper gives no band width", "time one noise value holds"),
+        float, Quantity("s", "assumed: the paper gives no band width", "time one noise value holds")
     ] = 1e-3
 
 
@@ -121,8 +118,7 @@ class TimingParams(NamedTuple):
         float, Quantity("s", "assumed: none in the paper", "simulated time that ends an episode")
     ] = 600.0
     burst_s: Annotated[
-        float,
-        Quantity("s", "a recording's level", "start of an RL step sampled at every tick"),
+        float, Quantity("s", "a recording's level", "start of an RL step sampled at every tick")
     ] = 0.0
 
 
@@ -152,12 +148,10 @@ class SteeringParams(NamedTuple):
         Quantity("rad/s", "calibrated: drive_speed_m_s", "motor speed while driving backwards"),
     ] = 1023.5
     turn_speed_rad_s: Annotated[
-        float,
-        Quantity("rad/s", "calibrated: turn_rate_rad_s", "motor speed while turning"),
+        float, Quantity("rad/s", "calibrated: turn_rate_rad_s", "motor speed while turning")
     ] = 1015.4
     max_speed_rad_s: Annotated[
-        float,
-        Quantity("rad/s", "calibrated: no hop", "bound on motor speeds while driving"),
+        float, Quantity("rad/s", "calibrated: no hop", "bound on motor speeds while driving")
     ] = 1082.6
     dither_rad_s: Annotated[
         float,
@@ -170,16 +164,13 @@ class SteeringParams(NamedTuple):
         float, Quantity("rad", "assumed", "heading error above which driving becomes turning")
     ] = 0.35
     heading_gain_1_s: Annotated[
-        float,
-        Quantity("1/s", "assumed", "speed difference of the motors per heading error"),
+        float, Quantity("1/s", "assumed", "speed difference of the motors per heading error")
     ] = 4000.0
     max_difference_rad_s: Annotated[
-        float,
-        Quantity("rad/s", "assumed: half of it is free of loss", "bound on that difference"),
+        float, Quantity("rad/s", "assumed: half of it is free of loss", "bound on that difference")
     ] = 100.0
     yaw_gain: Annotated[
-        float,
-        Quantity("1", "calibration: 0.05 rad/s at 100 rad/s", "yaw rate of that difference"),
+        float, Quantity("1", "calibration: 0.05 rad/s at 100 rad/s", "yaw rate of that difference")
     ] = 5e-4
     lookahead_m: Annotated[
         float, Quantity("m", "assumed: one cell", "distance over which a lateral error is closed")

@@ -23,11 +23,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING, RobotParams
 from cosim.model.scenario import Scenario
 from cosim.model.world import Drawn, Patch
-from cosim.onboard.features import (
-    DISTANCE_CLASSES,
-    GRADIENT_SIGNS,
-    Observation,
-)
+from cosim.onboard.features import DISTANCE_CLASSES, GRADIENT_SIGNS, Observation
 from cosim.onboard.steering import DIRECT, MODE_NAMES
 from cosim.recording.blueprint import episode_blueprint, robot_names
 from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page
@@ -221,10 +217,7 @@ class EpisodeRecorder:
         self._later(lambda: self._file.properties(name, values))
 
     def write(
-        self,
-        step: Step,
-        decision: Decision | None = None,
-        reward_parts: np.ndarray | None = None,
+        self, step: Step, decision: Decision | None = None, reward_parts: np.ndarray | None = None
     ) -> None:
         """Take one RL step.
 
@@ -390,12 +383,7 @@ class EpisodeRecorder:
             self._file.columns(f"/rl/{name}/steering", simulated(np.array(times)), rows)
 
     def _write_observations(
-        self,
-        name: str,
-        robot: int,
-        seen: list[Observation],
-        times: np.ndarray,
-        numbers: np.ndarray,
+        self, name: str, robot: int, seen: list[Observation], times: np.ndarray, numbers: np.ndarray
     ) -> None:
         cells = np.array([observation.cells for observation in seen])
         self._send(f"/rl/{name}/cell", times, cells[:, robot], numbers)

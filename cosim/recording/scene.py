@@ -223,9 +223,7 @@ def _write_track_styles(file: Sink, name: str, colour: int, cell_m: float) -> No
     file.static(
         f"/world/{name}/visited",
         rr.Boxes3D.from_fields(
-            half_sizes=[(cell_m / 2, cell_m / 2, 0.0001)],
-            colors=[faint(colour)],
-            fill_mode="solid",
+            half_sizes=[(cell_m / 2, cell_m / 2, 0.0001)], colors=[faint(colour)], fill_mode="solid"
         ),
     )
     file.static(f"/world/{name}/plan", rr.Arrows3D.from_fields(colors=[WHITE], radii=[0.0012]))

@@ -13,16 +13,7 @@ from cosim.onboard.steering import MODE_NAMES
 from cosim.physics.rotation import headings
 from cosim.recording.blueprint import robot_names
 from cosim.recording.file import Sink
-from cosim.recording.scene import (
-    EIGHT,
-    GREY,
-    LIGHT,
-    SERIES,
-    WHITE,
-    palette,
-    robot_colour,
-    shades,
-)
+from cosim.recording.scene import EIGHT, GREY, LIGHT, SERIES, WHITE, palette, robot_colour, shades
 
 DIRECTION_NAMES = tuple(f"{360 * k // DIRECTION_COUNT}°" for k in range(DIRECTION_COUNT))
 ARRIVED = "at target"

@@ -120,10 +120,7 @@ def _motion(platform: Platform, omega: float, cycles: int) -> Motion:
 
 
 def move_platforms(
-    cycles: int,
-    omega_rad_s: float,
-    robot: RobotParams = TABLE_I,
-    motor: MotorParams = TABLE_II,
+    cycles: int, omega_rad_s: float, robot: RobotParams = TABLE_I, motor: MotorParams = TABLE_II
 ) -> PlatformResult:
     """Motion of both platforms, and the table of net speeds.
 
