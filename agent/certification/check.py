@@ -38,7 +38,6 @@ _RESULTS = Kind("file of the certificate's results", "keep both in one folder", 
 # What a certificate is about: with another one it says nothing.
 _SUBJECT = {"policy_digest": "the policy", "scenario_digest": "the policy's scenario"}
 
-
 # The default sample finds with this probability that a share of the rows was altered.
 ALTERED, FOUND = 0.01, 0.95
 

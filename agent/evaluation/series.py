@@ -58,12 +58,11 @@ class Series:
     """Settings that all episodes of a run share.
 
     Attributes:
-        scenario, config, driver: of every co-simulation.
+        scenario, config: of every co-simulation.
         fmu: motor FMU file.
-        seed: episode k draws from the seed sequence (seed, k).
         policy: acts, and names the process whose rewards are recorded.
         out: output folder; recordings go to `episodes/` in it.
-        facts: what identifies the run, for recordings.
+        facts: what identifies the run; episode k draws from the seed sequence (seed, k).
         viewer: address of a running viewer that is sent what is recorded, if any.
         record: how much of every episode is recorded.
         progress: receives the simulated time of every episode.
@@ -73,8 +72,6 @@ class Series:
     scenario: Scenario
     fmu: Path
     config: CoSimConfig
-    driver: str
-    seed: int
     policy: GreedyPolicy
     out: Path
     facts: RunFacts
@@ -115,7 +112,7 @@ class Series:
 
     def task(self, number: int) -> Task:
         """An episode of the series."""
-        starts, noise_seed = draw_episode(self.scenario, self.seed, number)
+        starts, noise_seed = draw_episode(self.scenario, self.facts.seed, number)
 
         def watch(step: Step, episode: RunningEpisode, wall_s: float) -> None:
             factor = episode.time_s / wall_s
@@ -147,7 +144,7 @@ class Series:
             noise_seed,
             None if self.record == "none" else recorder,
             watch,
-            self.driver,
+            self.facts.driver,
             self.sampled,
         )
         return task

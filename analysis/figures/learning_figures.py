@@ -33,7 +33,6 @@ _CURVES = (
     "time from every start; bands: 95 % intervals of the mean over runs"
 )
 
-
 # Title and claim of the paper, by figure.
 _LEARNING = {
     "fig08": (

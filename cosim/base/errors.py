@@ -39,7 +39,6 @@ _HIDDEN = re.compile(
 )
 _COLOUR = re.compile(r"(\x1b\[[\d;]*m)")
 
-
 # Called once with the exit status when a command has ended and printed its results or its error.
 at_end: list[Callable[[int], None]] = []
 

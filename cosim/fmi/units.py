@@ -6,8 +6,6 @@ from typing import Any, NamedTuple
 from fmpy.model_description import BaseUnit, ModelDescription, ModelVariable
 
 EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-
-
 _DIMENSIONLESS = ("", "1", "-")  # names that many exporters do not define
 _COMPARED = len(EXPONENTS) - 1  # all but rad, which is 1
 

@@ -1,25 +1,20 @@
 """Build motors and robots as FMUs and SSP for other tools."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
+from fmus.compiler import TARGETS
 from fmus.models import MODELS, STANDARDS, Fmi, Model
 from minirobots.options import CommandOptions, Folder
 
-TargetChoice = Literal[
-    "host",
-    "all",
-    "x86_64-linux",
-    "aarch64-linux",
-    "x86_64-windows",
-    "aarch64-windows",
-    "x86_64-darwin",
-    "aarch64-darwin",
-]
+if TYPE_CHECKING:
+    TargetChoice = str
+else:
+    TargetChoice = tyro.extras.literal_type_from_choices(("host", "all", *TARGETS))
 What = Literal["motor", "motors", "robot", "ssp"]
 SHORT_NAMES: dict[str, Model] = {
     "motor": "VibrationMotor",
@@ -83,7 +78,7 @@ def _paths(options: Build, model: Model) -> dict[Fmi, Path]:
 def run(options: Build, progress: Progress) -> dict[str, list[str]]:
     """Build what is asked for."""
     from fmus.build import build_fmus
-    from fmus.compiler import TARGETS, host_target
+    from fmus.compiler import host_target
     from fmus.ssp.archive import build_ssp
 
     targets: dict[str, None] = {}

@@ -160,8 +160,6 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
         scenario,
         fmu,
         config,
-        driver,
-        options.seed,
         policy,
         out,
         facts,
