@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from agent.evaluation.grid import policy_files
+from agent.evaluation.grid import policy_files, show_failures
 from agent.study.episodes import (
     MEASURES,
     PATH_RATIO,
@@ -27,6 +27,7 @@ from agent.study.store import EpisodeStore
 from cosim.base.jobs import Workers
 from cosim.base.progress import Progress, silent
 from cosim.base.table import Column, field
+from cosim.base.table import show as show_table
 from cosim.model.outcome import ENDS, Outcome
 from cosim.model.world import World
 from cosim.simulation.options import SimulationOptions
@@ -116,3 +117,12 @@ def _to_record(line: StudyLine, store: EpisodeStore, count: int) -> list[int]:
     failed = [k for k in line.indices if results[k].outcome != Outcome.SUCCESS]
     succeeded = [k for k in line.indices if results[k].outcome == Outcome.SUCCESS]
     return failed[:count] + succeeded[:count]
+
+
+def show(report: EvaluationReport) -> None:
+    """Print a report as tables: outcomes with 95 % intervals, measures, the first failing starts.
+
+    Path, rotation, time and energy are means of successes.
+    """
+    show_table(COLUMNS, report.policies, names=2, title="outcomes with 95 % intervals")
+    show_failures(report.policies)

@@ -61,13 +61,10 @@ def run(options: Evaluate, progress: Progress) -> "EvaluationReport":
 
 
 def show(options: Evaluate, report: "EvaluationReport") -> None:
-    """Print outcomes, measures (means of successes) and the first failing starts."""
-    from agent.evaluation.grid import show_failures
-    from agent.study.evaluate import COLUMNS
-    from cosim.base.table import show as show_table
+    """Print outcomes, measures and the first failing starts."""
+    from agent.study.evaluate import show as show_report
 
-    show_table(COLUMNS, report.policies, names=2, title="outcomes with 95 % intervals")
-    show_failures(report.policies)
+    show_report(report)
     print(f"results in {options.out}/")
     recordings = [path for row in report.policies for path in row.recordings]
     if recordings:
