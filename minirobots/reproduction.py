@@ -18,7 +18,7 @@ from cosim.base.jobs import Workers
 from cosim.base.progress import Progress, silent
 from cosim.model.built_in import PAPER
 from cosim.simulation.options import SimulationOptions
-from minirobots.runner import module_of, options_of
+from minirobots.runner import begin, module_of, options_of
 
 
 def reproduce(
@@ -59,7 +59,8 @@ def reproduce(
         with timings.stage(result.name):
             command = module_of(result.command_name)
             settings = _settings(result, profile, seed, jobs)
-            command.run(options_of(command)(out=result.location(results), **settings), progress)
+            options = options_of(command)(out=result.location(results), **settings)
+            next(begin(command, options, progress))
         say(f"{label}: {timings.seconds(result.name):.1f} s")
     with timings.stage("figures"):
         drawn, lacking = draw_figures(FIGURES, results, out / "figures", progress=progress)

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 
 from cosim.base.command import parse, print_json
 from cosim.base.errors import run_command
-from cosim.base.progress import progress_bars
+from cosim.base.progress import Progress, progress_bars
 from cosim.fmi.isolation import isolated
 from minirobots.options import CommandOptions, IsolatedOptions, NewFolder
 
@@ -59,12 +60,33 @@ def execute(name: str, module: str = "minirobots") -> None:
         options.isolation.enter(f"minirobots {name}", options.foreign)
         if isolated():
             options = _fixed(options)
-    result = _result(command, options)
-    content = command.show(options, result) if hasattr(command, "show") else _shown(result)
+    try:
+        with progress_bars() as progress:
+            result = next(printing := begin(command, options, progress))
+    except KeyboardInterrupt:
+        if said := options.interrupted():
+            print(said, file=sys.stderr)
+        raise
+    for _ in printing:
+        pass
     if options.json:
-        print_json(result if content is None else content)
+        print_json(result)
     if hasattr(command, "failed") and command.failed(result):
         sys.exit(FAILED_STATUS)
+
+
+def begin(command: ModuleType, options: CommandOptions, progress: Progress) -> Iterator[Any]:
+    """Return an iterator that does a command's work, yields its result, and then prints it."""
+    result = command.run(options, progress)
+    return _told(result) if isinstance(result, dict) else result
+
+
+def _told(result: dict[str, Any]) -> Iterator[Any]:
+    """Yield what a command returned, then print it."""
+    yield result
+    for name, value in result.items():
+        words = ", ".join(map(str, value)) if isinstance(value, list) else value
+        print(f"{name.replace('_', ' ')}: {words}")
 
 
 def _fixed(options: Any) -> Any:
@@ -85,20 +107,3 @@ def _examples(name: str) -> list[str]:
     """Return the lines of commands.md, a page of the site, that show a command."""
     page = Path(__file__).with_name("commands.md").read_text("utf-8")
     return re.findall(rf"^uv run (?:--extra \w+ )?(minirobots {name} .*)$", page, re.MULTILINE)
-
-
-def _shown(result: dict[str, Any]) -> None:
-    """Print what a command without a function `show` returns."""
-    for name, value in result.items():
-        words = ", ".join(map(str, value)) if isinstance(value, list) else value
-        print(f"{name.replace('_', ' ')}: {words}")
-
-
-def _result(command: ModuleType, options: CommandOptions) -> Any:
-    try:
-        with progress_bars() as progress:
-            return command.run(options, progress)
-    except KeyboardInterrupt:
-        if said := options.interrupted():
-            print(said, file=sys.stderr)
-        raise

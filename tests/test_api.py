@@ -95,7 +95,7 @@ def test_simulate_is_the_first_episode_of_a_run(policy, episode, tmp_path):
         out=tmp_path / "run",
         physics=SimulationOptions(**BRIEF),
     )
-    (result,) = run(options, silent)
+    (result,) = next(run(options, silent))["episodes"]
     assert result.recording is not None
     of_run = analysis.open(options.folder / result.recording)
     assert signals(of_run) == signals(episode)

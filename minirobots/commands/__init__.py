@@ -2,12 +2,11 @@
 
 A module has the first line of its docstring as the command's purpose and the functions
 
-- `run(options, progress)`: do the work. The type of `options`, a subclass of
-  `minirobots.options.CommandOptions`, is the command line; `progress` receives what takes long.
-- `show(options, result)`, if there is one: print what `run` returned, for people, and return what
-  `--json` prints if that is something else. Without it `run` returns a dict, whose entries are
+- `run(options, progress)`, a generator: do the work, yield what `--json` prints, then print it for
+  people. The type of `options`, a subclass of `minirobots.options.CommandOptions`, is the command
+  line; `progress` receives what takes long. A function that returns a dict instead has its entries
   printed.
-- `failed(result)`, if there is one: whether the exit status is 1.
+- `failed(result)`, if there is one: whether what was yielded makes the exit status 1.
 
 All else is done by `minirobots.runner`. Modules import only what their options need; functions
 import the rest, so that every `--help` comes at once.

@@ -1,15 +1,13 @@
 """Compare what learners achieve on the same boards, and their cost."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from agent.baselines import LEARNERS, NETWORKS, Learner
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
 from minirobots.options import BudgetMinutes, Count, Distributed, Folder, Resumable
-
-if TYPE_CHECKING:
-    from agent.baselines.table import BaselinesReport
 
 _SCENARIOS = ("1b", "2", "3", "4", "4-cross")
 _LAST_SEED = 4_000_000_000
@@ -49,26 +47,22 @@ class Baselines(Distributed, Resumable):
                 raise UserError(f"--{name} must name one or more, each once")
 
 
-def run(options: Baselines, progress: Progress) -> "BaselinesReport":
-    """Train and simulate what is missing, and write the table."""
+def run(options: Baselines, progress: Progress) -> Iterator[Any]:
+    """Train and simulate what is missing, and write and print the table."""
     if not set(NETWORKS).isdisjoint(options.learners):
         from agent.deep import require_learners
 
         require_learners()
     from agent.baselines.comparison import baselines
+    from agent.baselines.table import COLUMNS
+    from cosim.base.table import show
 
     arguments = options.arguments(
-        scenarios=options.scenarios or _SCENARIOS[: 2 if options.quick else None],
+        "quick",
         seeds=options.seeds or (1 if options.quick else 5),
         episodes=options.episodes or (2 if options.quick else 8),
     )
-    return baselines(**arguments, progress=progress)
-
-
-def show(options: Baselines, report: "BaselinesReport") -> None:
-    """Print the table."""
-    from agent.baselines.table import COLUMNS
-    from cosim.base.table import show as show_table
-
-    show_table(COLUMNS, report.rows, names=2)
+    report = baselines(**arguments, progress=progress)
+    yield report
+    show(COLUMNS, report.rows, names=2)
     print(f"table in {options.out}/: baselines.json, baselines.md")

@@ -1,7 +1,8 @@
 """The episodes of a run as a table, each to be opened from it."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
@@ -32,8 +33,8 @@ class Browse(CommandOptions):
     """Print the table instead, as the server has it, and leave."""
 
 
-def run(options: Browse, _: Progress) -> "list[Dataset]":
-    """Serve until Ctrl-C, or print the table; return what is served."""
+def run(options: Browse, _: Progress) -> Iterator[Any]:
+    """Serve until Ctrl-C, or print the table; yield what is served."""
     from analysis.browse.catalog import serving
 
     with serving(options.folder, 0 if options.check else options.port) as datasets:
@@ -45,12 +46,7 @@ def run(options: Browse, _: Progress) -> "list[Dataset]":
                 print(f"left out: {file} is damaged, or a recording of the same episode is there")
         if not options.check:
             _wait(datasets, options.spawn)
-    return datasets
-
-
-def show(_: Browse, datasets: "list[Dataset]") -> "dict[str, list[Dataset]]":
-    """Everything is printed already."""
-    return {"datasets": datasets}
+    yield {"datasets": datasets}
 
 
 def _show(datasets: "list[Dataset]") -> None:

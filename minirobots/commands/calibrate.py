@@ -1,19 +1,16 @@
 """Map motor speeds to speed and yaw rate, as files and a plot."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from cosim.base.progress import Progress
 from cosim.simulation.options import Physics
 from minirobots.options import Folder, IsolatedOptions, Jobs
-
-if TYPE_CHECKING:
-    from cosim.calibration.report import CalibrationReport
-    from cosim.calibration.speed_map import Calibration
 
 
 class Calibrate(IsolatedOptions):
@@ -33,12 +30,12 @@ class Calibrate(IsolatedOptions):
     physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
 
 
-def run(options: Calibrate, progress: Progress) -> "tuple[Calibration, CalibrationReport]":
-    """Find or measure the calibration and write its files."""
-    from cosim.base.command import workers
+def run(options: Calibrate, progress: Progress) -> Iterator[Any]:
+    """Find or measure the calibration, write its files, and print what is possible."""
+    from cosim.base.command import show_table, workers
     from cosim.base.storage import replacing, write_json
     from cosim.calibration.cache import find_calibration
-    from cosim.calibration.report import draw, report_of
+    from cosim.calibration.report import draw, manoeuvre_rows, report_of
     from cosim.coupling.parameters import with_motor
 
     config, out = options.physics.config(), options.out
@@ -54,15 +51,7 @@ def run(options: Calibrate, progress: Progress) -> "tuple[Calibration, Calibrati
     title = f"One robot, μ = {config.robot.mu:g}, noise ±{config.noise.relative_amplitude:.0%}"
     with replacing(out / "calibration.png") as temporary:
         draw(calibration, title).savefig(temporary, dpi=150)
-    return calibration, report
-
-
-def show(options: Calibrate, found: "tuple[Calibration, CalibrationReport]") -> "CalibrationReport":
-    """Print the manoeuvres and what is possible without hopping."""
-    from cosim.base.command import show_table
-    from cosim.calibration.report import manoeuvre_rows
-
-    calibration, report = found
+    yield report
     header = ("manoeuvre", "motor speed", "mean", "scatter", "airborne")
     show_table(None, header, manoeuvre_rows(calibration))
     print(
@@ -70,5 +59,4 @@ def show(options: Calibrate, found: "tuple[Calibration, CalibrationReport]") -> 
         f"{1e3 * report.largest_speed_m_s:.2f} mm/s in both directions, "
         f"{math.degrees(report.largest_turn_rate_rad_s):.1f} °/s in both directions"
     )
-    print(f"results in {options.out}/: calibration.npz, .json, .png")
-    return report
+    print(f"results in {out}/: calibration.npz, .json, .png")

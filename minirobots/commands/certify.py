@@ -1,8 +1,9 @@
 """A claim about a policy, certified or refused with a declared confidence."""
 
+from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import Annotated, Any
 
 import tyro
 
@@ -21,11 +22,6 @@ from minirobots.options import (
     Seed,
     Simulating,
 )
-
-if TYPE_CHECKING:
-    from agent.certification.certificate import Certificate
-    from agent.certification.check import CheckReport
-    from agent.certification.collisions import SplittingReport
 
 _MOST = 10**6
 # Options that only one kind of work has.
@@ -105,15 +101,15 @@ class Certify(Distributed, Simulating, Resumable):
         require_falling(gaps=self.gaps)
 
 
-Result: TypeAlias = "Certificate | CheckReport | SplittingReport"
-
-
-def run(options: Certify, progress: Progress) -> Result:
+def run(options: Certify, progress: Progress) -> Iterator[Any]:
     """Judge the claim, check the certificate, or estimate the rate of collisions."""
+    from agent.certification.text import show_certificate, show_check, show_splitting
+
     if options.check:
+        from agent.certification.certificate import read_certificate
         from agent.certification.check import check
 
-        return check(
+        report = check(
             options.check,
             policy=options.policy,
             motor_fmu=options.physics.motor_fmu,
@@ -121,11 +117,14 @@ def run(options: Certify, progress: Progress) -> Result:
             where=options.where,
             progress=progress,
         )
-    if options.claim is None:
+        yield report
+        show_certificate(read_certificate(options.check))
+        show_check(report)
+    elif options.splitting:
         from agent.certification.collisions import estimate_collisions
         from agent.study.episodes import case_of
 
-        return estimate_collisions(
+        estimate = estimate_collisions(
             case_of(options.policy, options.physics, options.seed, progress=progress),
             options.out,
             roots=options.roots,
@@ -134,32 +133,21 @@ def run(options: Certify, progress: Progress) -> Result:
             where=options.where,
             progress=progress,
         )
-    from agent.certification.certify import certify
-
-    others = ("check", "splitting", "where", *_OF["check"], *_OF["splitting"])
-    arguments = options.arguments(*others, progress=progress)
-    return certify(**arguments, **vars(options.where), **vars(options.physics))
-
-
-def show(options: Certify, result: Result) -> None:
-    """Print the certificate and what a check of it found, or the estimate."""
-    from agent.certification.certificate import Certificate, read_certificate
-    from agent.certification.check import CheckReport
-    from agent.certification.text import show_certificate, show_check, show_splitting
-
-    if isinstance(result, CheckReport):
-        assert options.check
-        show_certificate(read_certificate(options.check))
-        show_check(result)
-    elif isinstance(result, Certificate):
-        show_certificate(result)
-        print(f"certificate in {options.out}/certificate.json")
-    else:
-        show_splitting(result)
+        yield estimate
+        show_splitting(estimate)
         print(f"estimate in {options.out}/splitting.json")
+    else:
+        from agent.certification.certify import certify
+
+        others = ("check", "splitting", "where", *_OF["check"], *_OF["splitting"])
+        arguments = options.arguments(*others, progress=progress)
+        certificate = certify(**arguments, **vars(options.where), **vars(options.physics))
+        yield certificate
+        show_certificate(certificate)
+        print(f"certificate in {options.out}/certificate.json")
 
 
-def failed(result: Result) -> bool:
+def failed(result: Any) -> bool:
     """Return whether the claim is not certified, or the certificate does not stand."""
     from agent.certification.certificate import Certificate
     from agent.certification.check import CheckReport

@@ -1,6 +1,7 @@
 """Train one network for all robots of a scenario."""
 
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -68,8 +69,8 @@ class DeepReport(msgspec.Struct, frozen=True, kw_only=True):
     curve: tuple[Any, ...]
 
 
-def run(options: Deep, progress: Progress) -> DeepReport:
-    """Train, and write `policy.npz` and `deep.json`."""
+def run(options: Deep, progress: Progress) -> Iterator[Any]:
+    """Train, write `policy.npz` and `deep.json`, and print what was achieved and how to try it."""
     from cosim.base.storage import write_json
     from cosim.model.scenario_file import find_scenario
 
@@ -101,11 +102,7 @@ def run(options: Deep, progress: Progress) -> DeepReport:
         curve=tuple(curve),
     )
     write_json(out / "deep.json", report)
-    return report
-
-
-def show(options: Deep, report: DeepReport) -> None:
-    """Print what was achieved and how to try it."""
+    yield report
     print(
         f"success from {100.0 * report.success:.1f} % of the starts on the grid, after "
         f"{report.agent_steps:,} moves in {report.seconds:.0f} s"

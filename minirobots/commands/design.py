@@ -1,7 +1,7 @@
 """Find designs that give a robot a wanted speed, with all feet on the floor."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -27,18 +27,14 @@ class DesignRobot(CommandOptions):
     mu: Friction = None
 
 
-def run(options: DesignRobot, _: Progress) -> "Design":
-    """Work out the design."""
+def run(options: DesignRobot, _: Progress) -> Iterator[Any]:
+    """Work out the design and print it as text."""
     from cosim.machine.platform.design import design
 
     config = find_preset(options.preset).config().with_overrides(options.mu)
-    return design(config.robot, config.motor, 1e-3 * options.speed)
-
-
-def show(options: DesignRobot, found: "Design") -> None:
-    """Print it as text."""
-    robot = find_preset(options.preset).config().with_overrides(options.mu).robot
-    print("\n".join(_lines(found, robot)))
+    found = design(config.robot, config.motor, 1e-3 * options.speed)
+    yield found
+    print("\n".join(_lines(found, config.robot)))
 
 
 def _lines(found: "Design", robot: "RobotParams") -> Iterator[str]:

@@ -1,7 +1,8 @@
 """Evaluate policies in the full dynamics, start by start, with intervals."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -9,9 +10,6 @@ from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError
 from minirobots.options import Distributed, Folder, NotNegative, Resumable, Seed, Simulating
-
-if TYPE_CHECKING:
-    from agent.study.evaluate import EvaluationReport
 
 
 class Evaluate(Distributed, Simulating, Resumable):
@@ -47,9 +45,9 @@ class Evaluate(Distributed, Simulating, Resumable):
             raise ConfigError(f"--starts {self.starts} is neither 'all' nor a positive number")
 
 
-def run(options: Evaluate, progress: Progress) -> "EvaluationReport":
-    """Simulate what is missing, and record failures and successes."""
-    from agent.study.evaluate import evaluate
+def run(options: Evaluate, progress: Progress) -> Iterator[Any]:
+    """Simulate what is missing, record failures and successes, and print what was measured."""
+    from agent.study.evaluate import evaluate, show
 
     arguments = options.arguments(
         "policy",
@@ -57,14 +55,9 @@ def run(options: Evaluate, progress: Progress) -> "EvaluationReport":
         physics=options.physics,
         starts=options.starts if options.starts in (None, "all") else int(options.starts),
     )
-    return evaluate(**arguments, progress=progress)
-
-
-def show(options: Evaluate, report: "EvaluationReport") -> None:
-    """Print outcomes, measures and the first failing starts."""
-    from agent.study.evaluate import show as show_report
-
-    show_report(report)
+    report = evaluate(**arguments, progress=progress)
+    yield report
+    show(report)
     print(f"results in {options.out}/")
     recordings = [path for row in report.policies for path in row.recordings]
     if recordings:

@@ -1,15 +1,13 @@
 """Evaluate policies on the grid, exactly: rates, lengths and failing starts."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import tyro
 
 from cosim.base.progress import Progress
 from minirobots.options import CommandOptions
-
-if TYPE_CHECKING:
-    from agent.evaluation.grid import GridReport
 
 
 class EvaluateOnGrid(CommandOptions):
@@ -25,17 +23,12 @@ class EvaluateOnGrid(CommandOptions):
     """Policies (policy.npz) or folders of runs made by agent.train."""
 
 
-def run(options: EvaluateOnGrid, _: Progress) -> "GridReport":
-    """Evaluate every policy."""
-    from agent.evaluation.grid import policy_files, report_of
+def run(options: EvaluateOnGrid, _: Progress) -> Iterator[Any]:
+    """Evaluate every policy and print a row for each."""
+    from agent.evaluation.grid import policy_files, report_of, show
     from agent.policies import load_policy
 
     paths = policy_files(options.policies)
-    return report_of((str(path), load_policy(path)) for path in paths)
-
-
-def show(_: EvaluateOnGrid, report: "GridReport") -> None:
-    """Print a row for every policy."""
-    from agent.evaluation.grid import show as show_report
-
-    show_report(report)
+    report = report_of((str(path), load_policy(path)) for path in paths)
+    yield report
+    show(report)

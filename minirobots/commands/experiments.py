@@ -1,6 +1,7 @@
 """The paper's learning experiments."""
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Iterator
+from typing import Annotated, Any
 
 import tyro
 
@@ -9,9 +10,6 @@ from agent.training.settings import LearningConfig
 from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress
 from minirobots.options import Count, NewFolder, Seed
-
-if TYPE_CHECKING:
-    from agent.experiments.results import ExperimentResult
 
 
 class Experiments(NewFolder):
@@ -41,16 +39,12 @@ class Experiments(NewFolder):
         return self.experiment
 
 
-def run(options: Experiments, progress: Progress) -> "ExperimentResult":
-    """Train what is missing and evaluate every run."""
+def run(options: Experiments, progress: Progress) -> Iterator[Any]:
+    """Train what is missing, evaluate every run and print the variants."""
+    from agent.experiments.results import show
     from agent.experiments.run import run_experiment
 
     arguments = options.arguments("experiment", out=options.folder, progress=progress)
-    return run_experiment(options.experiment, **arguments)
-
-
-def show(_: Experiments, result: "ExperimentResult") -> None:
-    """Print the variants."""
-    from agent.experiments.results import show as show_result
-
-    show_result(result)
+    result = run_experiment(options.experiment, **arguments)
+    yield result
+    show(result)

@@ -1,8 +1,9 @@
 """The worst episodes of a policy, searched for."""
 
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from agent.falsification.search import SearchName, Sought
 from cosim.base.arguments import ConfigError
@@ -20,8 +21,7 @@ from minirobots.options import (
 )
 
 if TYPE_CHECKING:
-    from agent.falsification.falsify import FalsificationReport
-    from agent.falsification.found import FoundCase, ReplayReport
+    from agent.falsification.found import FoundCase
 
 _CASE = ("episode", "starts", "seed", "outcome", "gap", "simulated")
 
@@ -73,11 +73,10 @@ class Falsify(Distributed, Simulating, Resumable):
                 )
 
 
-Result: TypeAlias = "FalsificationReport | ReplayReport"
+def run(options: Falsify, progress: Progress) -> Iterator[Any]:
+    """Search and print the worst episodes; or simulate and print the cases of a file again."""
+    from cosim.base.command import show_table
 
-
-def run(options: Falsify, progress: Progress) -> Result:
-    """Search, or simulate the cases of a file again."""
     if options.replay is not None:
         from agent.falsification.found import ReplayReport, read_cases, run_again
         from agent.policies import load_policy
@@ -85,34 +84,28 @@ def run(options: Falsify, progress: Progress) -> Result:
         found, policy = read_cases(options.replay), load_policy(options.policy)
         fmu, threads = options.physics.fmu(progress), options.where.count
         now = run_again(found, policy, fmu, threads, progress)
-        return ReplayReport(then=found.cases, now=now)
-    from agent.falsification.falsify import falsify
-
-    arguments = options.arguments("replay", "where", progress=progress)
-    return falsify(**arguments, **vars(options.where), **vars(options.physics))
-
-
-def show(options: Falsify, result: Result) -> None:
-    """Print the worst episodes, or what the cases were and are."""
-    from agent.falsification.found import ReplayReport
-    from cosim.base.command import show_table
-    from cosim.base.errors import in_shell
-
-    if isinstance(result, ReplayReport):
-        pairs = list(zip(result.then, result.now, strict=True))
+        replayed = ReplayReport(then=found.cases, now=now)
+        yield replayed
         rows = [
-            [*_cells(then), *_ended(now), "fails" if now.fails else "holds"] for then, now in pairs
+            [*_cells(was), *_ended(case), "fails" if case.fails else "holds"]
+            for was, case in zip(found.cases, now, strict=True)
         ]
         show_table(None, (*_CASE, "now", "gap now", "simulated now", ""), rows)
-        failed = sum(case.fails for case in result.then)
-        print(f"{result.failing} of {len(rows)} cases fail, {failed} did when they were found")
+        failed = sum(case.fails for case in found.cases)
+        print(f"{replayed.failing} of {len(rows)} cases fail, {failed} did when they were found")
         return
-    show_table(None, _CASE, [_cells(case) for case in result.worst], title="worst episodes")
-    ends = ", ".join(f"{count} {outcome}" for outcome, count in result.outcomes.items())
-    after = "an episode without a gap" if result.objective == "gap" else "a time-out"
-    first = "none found" if result.first is None else f"the first in episode {result.first - 1}"
-    print(f"{result.episodes} episodes ({ends}), {result.found} of them {after}: {first}")
-    recordings = [case.recording for case in result.worst if case.recording]
+    from agent.falsification.falsify import falsify
+    from cosim.base.errors import in_shell
+
+    arguments = options.arguments("replay", "where", progress=progress)
+    report = falsify(**arguments, **vars(options.where), **vars(options.physics))
+    yield report
+    show_table(None, _CASE, [_cells(case) for case in report.worst], title="worst episodes")
+    ends = ", ".join(f"{count} {outcome}" for outcome, count in report.outcomes.items())
+    after = "an episode without a gap" if report.objective == "gap" else "a time-out"
+    first = "none found" if report.first is None else f"the first in episode {report.first - 1}"
+    print(f"{report.episodes} episodes ({ends}), {report.found} of them {after}: {first}")
+    recordings = [case.recording for case in report.worst if case.recording]
     if recordings:
         print(f"open with: {in_shell('rerun')} {recordings[0]}")
     print(f"results in {options.out}/: falsification.json, cases.json")
@@ -129,6 +122,6 @@ def _ended(case: "FoundCase") -> list[str]:
     return [case.outcome, known(case.gap_cm, "{:.3f} cm"), f"{case.sim_time_s:.0f} s"]
 
 
-def failed(result: Result) -> bool:
+def failed(result: Any) -> bool:
     """Return whether a case that was replayed fails."""
     return getattr(result, "failing", 0) > 0

@@ -1,5 +1,6 @@
 """Draw the paper's figures from a folder of results."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +45,12 @@ class Figures(CommandOptions):
                 raise UserError(f"no figure is called {name}; choose from {known}")
 
 
-def run(options: Figures, progress: Progress) -> dict[str, dict[str, Any]]:
-    """Draw the figures; return their files, and why others are not drawn."""
+def run(options: Figures, progress: Progress) -> Iterator[Any]:
+    """Draw the figures, and print their files and why others are not drawn.
+
+    Raises:
+        UserError: none could be drawn, or not all that had to be.
+    """
     from analysis.figures.draw import draw_figures
 
     names = FIGURES if ALL in options.figures else options.figures
@@ -53,14 +58,9 @@ def run(options: Figures, progress: Progress) -> dict[str, dict[str, Any]]:
         names, options.results, options.out, small=options.small, progress=progress
     )
     files = {name: [str(file) for file in written] for name, written in drawn.items()}
-    return {"drawn": files, "lacking": lacking}
-
-
-def show(options: Figures, found: dict[str, dict[str, Any]]) -> None:
-    """Print files and reasons; refuse results from which too little can be drawn."""
-    drawn, lacking = found.values()
-    for files in drawn.values():
-        print("figure: " + ", ".join(files))
+    yield {"drawn": files, "lacking": lacking}
+    for written in files.values():
+        print("figure: " + ", ".join(written))
     for name, reason in lacking.items():
         print(f"not drawn: {name}: {reason}")
     if not drawn:

@@ -1,14 +1,12 @@
 """A policy and its steering as C for a microcontroller."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 from cosim.base.progress import Progress, under_way
 from cosim.model.config import ConfigError
 from cosim.simulation.options import SimulationOptions, resolve
 from minirobots.options import File, Folder, Simulating
-
-if TYPE_CHECKING:
-    from agent.firmware.build import FirmwareSize
 
 # Of episodes, without meaning for a robot.
 _OF_EPISODES = ("on_collision", "time_limit")
@@ -39,10 +37,11 @@ class Firmware(Simulating):
             )
 
 
-def run(options: Firmware, progress: Progress) -> dict[str, Any]:
-    """Write the sources and compile them."""
+def run(options: Firmware, progress: Progress) -> Iterator[Any]:
+    """Write the sources, compile them, and print what each robot needs."""
     from agent.firmware.build import measure, write_sources
     from agent.firmware.tables import load_table, render_constants
+    from cosim.base.command import show_table
 
     policy = load_table(options.policy)
     scenario = policy.config.scenario
@@ -50,15 +49,8 @@ def run(options: Firmware, progress: Progress) -> dict[str, Any]:
     files = write_sources(options.out, render_constants(policy, config))
     with under_way(progress, "compiling"):
         sizes = [measure(options.out, robot + 1) for robot in range(scenario.robots)]
-    return {"files": [str(file) for file in files], "sizes": sizes}
-
-
-def show(options: Firmware, written: dict[str, Any]) -> None:
-    """Print what each robot needs."""
-    from cosim.base.command import show_table
-
+    yield {"files": [str(file) for file in files], "sizes": sizes}
     header = ("robot", "flash", "RAM", "stack, at most")
-    sizes: list[FirmwareSize] = written["sizes"]
     rows = [(f"r{s.robot}", *(f"{n:,} B" for n in (s.flash, s.ram, s.stack))) for s in sizes]
     show_table(None, header, rows, title="on a Cortex-M4", numbers=3)
     print(f"sources in {options.out}/; docs/firmware.md says what to connect")

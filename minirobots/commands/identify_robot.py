@@ -1,7 +1,8 @@
 """Identify a robot's parameters from what a camera has seen of it."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
@@ -10,9 +11,6 @@ from cosim.base.errors import UserError
 from cosim.base.progress import Progress
 from cosim.model.preset import PAPER
 from minirobots.options import Folder, IsolatedOptions
-
-if TYPE_CHECKING:
-    from cosim.machine.identification.result import Identified
 
 
 class IdentifyRobot(IsolatedOptions):
@@ -45,14 +43,19 @@ class IdentifyRobot(IsolatedOptions):
             raise UserError("name a track to identify a robot from, or --excite FILE.csv")
 
 
-def run(options: IdentifyRobot, progress: Progress) -> "Identified | None":
-    """Identify the robot; or write the motor speeds to drive it with."""
+def run(options: IdentifyRobot, progress: Progress) -> Iterator[Any]:
+    """Identify the robot and print its parameters; or write the motor speeds to drive it with."""
     if options.track is None:
-        from cosim.machine.identification.excitation import write_excitation
+        from cosim.machine.identification.excitation import HOLD_S, SEQUENCE, write_excitation
 
         assert options.excite is not None
         write_excitation(options.excite)
-        return None
+        duration_s = len(SEQUENCE) * HOLD_S
+        yield {"excitation": str(options.excite), "duration_s": duration_s}
+        print(f"motor speeds for {duration_s:g} s in {options.excite}")
+        return
+    from cosim.base.command import show_table
+    from cosim.machine.identification.page import rows
     from cosim.machine.identification.result import identify, write
     from cosim.machine.identification.track import read_track
     from cosim.model.preset import find_preset
@@ -67,22 +70,9 @@ def run(options: IdentifyRobot, progress: Progress) -> "Identified | None":
     fmu = physics.fmu(progress)
     identified = identify(track, options.track.name, preset, physics.config(), fmu, progress)
     write(identified, options.out)
-    return identified
-
-
-def show(options: IdentifyRobot, identified: "Identified | None") -> Any:
-    """Print every parameter with its interval, and what the track leaves open."""
-    if identified is None:
-        from cosim.machine.identification.excitation import HOLD_S, SEQUENCE
-
-        print(f"motor speeds for {len(SEQUENCE) * HOLD_S:g} s in {options.excite}")
-        return {"excitation": str(options.excite), "duration_s": len(SEQUENCE) * HOLD_S}
-    from cosim.base.command import show_table
-    from cosim.machine.identification.page import rows
-
+    yield identified.report
     header = ("parameter", "what it is", "value", "95 % interval", "rises")
     show_table(None, header, rows(identified), names=2)
     for words in identified.report.unidentifiable:
         print(f"not identifiable from this track: {words}")
     print(f"results in {options.out}/: preset.toml, identification.json, report.html")
-    return identified.report

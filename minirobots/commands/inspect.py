@@ -1,15 +1,13 @@
 """Show what a recording contains, and where it looks wrong."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from cosim.base.progress import Progress
 from minirobots.options import CommandOptions
-
-if TYPE_CHECKING:
-    from analysis.reading.inspection import Inspection
 
 # Facts shown first; the others follow.
 _FIRST_FACTS = ("scenario", "title", "episode", "seed", "starts")
@@ -30,21 +28,17 @@ class Inspect(CommandOptions):
     """Also list every parameter with its unit and source."""
 
 
-def run(options: Inspect, _: Progress) -> "Inspection":
-    """Read the recording and look through it."""
-    from analysis.reading.inspection import inspect_episode
-    from cosim.recording.reader import read_episode
-
-    return inspect_episode(read_episode(options.recording))
-
-
-def show(options: Inspect, found: "Inspection") -> None:
-    """Print what was found."""
+def run(options: Inspect, _: Progress) -> Iterator[Any]:
+    """Read the recording, look through it and print what was found."""
     from rich.console import Console
     from rich.table import Table
 
+    from analysis.reading.inspection import inspect_episode
     from cosim.base.command import show_table
+    from cosim.recording.reader import read_episode
 
+    found = inspect_episode(read_episode(options.recording))
+    yield found
     console = Console()
     if not console.is_terminal:  # a file takes whole lines; a terminal has its own width
         console = Console(width=150)

@@ -1,5 +1,6 @@
 """The methods that make policies, and when to use which."""
 
+from collections.abc import Iterator
 from typing import Any
 
 from cosim.base.progress import Progress
@@ -13,16 +14,11 @@ class Methods(CommandOptions):
     """
 
 
-def run(options: Methods, _: Progress) -> list[dict[str, Any]]:
-    """Return a row for each method."""
+def run(options: Methods, _: Progress) -> Iterator[Any]:
+    """Print a row for each method."""
     from agent.training.settings import FACTS
-
-    return [{"method": method, **facts._asdict()} for method, facts in FACTS.items()]
-
-
-def show(_: Methods, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Print the table."""
     from cosim.base.command import show_table
 
+    rows = [{"method": method, **facts._asdict()} for method, facts in FACTS.items()]
+    yield {"methods": rows}
     show_table(None, tuple(rows[0]), [tuple(row.values()) for row in rows])
-    return {"methods": rows}

@@ -1,5 +1,6 @@
 """Draw the Bode plots of the motor's speed loop, with its poles and margins."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,13 @@ class MotorLoop(IsolatedOptions):
     motor_fmu: MotorFmuFile = None
 
 
-def run(options: MotorLoop, progress: Progress) -> dict[str, Any]:
-    """Compute, measure and draw the loop."""
+def run(options: MotorLoop, progress: Progress) -> Iterator[Any]:
+    """Compute, measure and draw the loop, and print poles, margins and the table of gains."""
     import numpy as np
+    from rich.console import Console
+    from rich.table import Table
 
-    from analysis.figures.style import save, use_style
+    from analysis.figures.style import NOTHING, save, use_style
     from analysis.motor.gains import compare_gains
     from analysis.motor.speed_loop import draw, figures_of_merit, measured_response, speed_loop
     from cosim.coupling.fmu import MotorFmu
@@ -42,7 +45,7 @@ def run(options: MotorLoop, progress: Progress) -> dict[str, Any]:
     frequencies = np.logspace(0.5, 3.5, 10)
     measured = measured_response(fmu, frequencies, progress)
     gains = compare_gains(MotorFmu(fmu), progress)
-    return figures_of_merit(loop)._asdict() | {
+    found = figures_of_merit(loop)._asdict() | {
         "motor_pole_rad_s": -1.0 / motor_time_constant(config.motor),
         "frequency_rad_s": frequencies.tolist(),
         "fmu_magnitude": np.abs(measured).tolist(),
@@ -50,15 +53,7 @@ def run(options: MotorLoop, progress: Progress) -> dict[str, Any]:
         "gains": [row._asdict() | {"rise": row.rise._asdict()} for row in gains],
         "files": [str(path) for path in save(draw(loop, frequencies, measured), options.out)],
     }
-
-
-def show(_: MotorLoop, found: dict[str, Any]) -> None:
-    """Print poles, margins and the table of gains."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from analysis.figures.style import NOTHING
-
+    yield found
     poles = ", ".join(f"{pole:.4g}" for pole in found["poles_rad_s"])
     print(f"motor alone: pole {found['motor_pole_rad_s']:.4g} rad/s")
     print(f"closed loop: poles {poles} rad/s, bandwidth {found['bandwidth_rad_s']:.4g} rad/s")

@@ -1,8 +1,9 @@
 """Observe what moves really do."""
 
+from collections.abc import Iterator
 from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
@@ -10,9 +11,6 @@ from cosim.base.progress import Progress
 from cosim.model.config import ConfigError
 from cosim.simulation.options import DecisionOptions, Physics
 from minirobots.options import Count, File, IsolatedOptions, Jobs, Seed
-
-if TYPE_CHECKING:
-    from agent.moves.model import ObservedMoves
 
 
 class ObserveMoves(IsolatedOptions):
@@ -42,12 +40,12 @@ class ObserveMoves(IsolatedOptions):
             raise ConfigError("--mu has no effect with --worlds, which draws it; leave one out")
 
 
-def run(options: ObserveMoves, progress: Progress) -> "ObservedMoves":
-    """Observe moves and write their file."""
+def run(options: ObserveMoves, progress: Progress) -> Iterator[Any]:
+    """Observe moves, write their file and print a table of the kinds of moves."""
     from agent.moves.model import require_rl_step
-    from agent.moves.observe import observe_moves
+    from agent.moves.observe import facts_of, move_rows, observe_moves
     from agent.moves.worlds import RANGES
-    from cosim.base.command import workers
+    from cosim.base.command import show_table, workers
 
     config, fmu = options.physics.prepare(progress=progress)
     config = options.deciding.deciding(config)
@@ -62,14 +60,6 @@ def run(options: ObserveMoves, progress: Progress) -> "ObservedMoves":
         progress=progress,
     )
     moves.save(options.out)
-    return moves
-
-
-def show(options: ObserveMoves, moves: "ObservedMoves") -> dict[str, Any]:
-    """Print a table of the kinds of moves."""
-    from agent.moves.observe import facts_of, move_rows
-    from cosim.base.command import show_table
-
+    yield facts_of(moves) | {"out": str(options.out)}
     show_table(None, *move_rows(moves))
     print(f"moves in {options.out}")
-    return facts_of(moves) | {"out": str(options.out)}

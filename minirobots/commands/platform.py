@@ -1,7 +1,8 @@
 """Move the 1-DOF platform of Eq. (1) and write the data of Fig. 3."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
@@ -9,9 +10,6 @@ from cosim.base.errors import UserError
 from cosim.base.progress import Progress
 from cosim.model.preset import PAPER, find_preset
 from minirobots.options import CommandOptions, File, Friction, PresetName
-
-if TYPE_CHECKING:
-    from cosim.machine.platform.result import PlatformResult
 
 MAX_CYCLES = 100
 
@@ -38,20 +36,18 @@ class MovePlatform(CommandOptions):
             raise UserError(f"--cycles {self.cycles}: choose 1 to {MAX_CYCLES}")
 
 
-def run(options: MovePlatform, _: Progress) -> "PlatformResult":
-    """Move the platforms and write what they do."""
+def run(options: MovePlatform, _: Progress) -> Iterator[Any]:
+    """Move the platforms, write what they do, and print speeds and net displacements."""
     from cosim.machine.platform.result import move_platforms
 
     preset = find_preset(options.preset)
     robot = preset.robot if options.mu is None else preset.robot._replace(mu=options.mu)
     result = move_platforms(options.cycles, options.omega, robot, preset.motor)
     result.save(options.out)
-    return result
-
-
-def show(options: MovePlatform, result: "PlatformResult") -> dict[str, Any]:
-    """Print the table of net speeds, and the net displacement of both platforms."""
-    table = result.table
+    table, motions = result.table, {"paper": result.paper, "table_ii": result.table_ii}
+    names = ("mu", "omega_rad_s", "net_speed_m_s")
+    steps = {f"{n}_net_displacement_m": float(m.net_displacement_m) for n, m in motions.items()}
+    yield {f"table_{name}": getattr(table, name).tolist() for name in names} | steps
     print("net speed in mm/s (motor speed in rad/s)")
     print("    mu  omega_c omega_net" + "".join(f"{omega:8.0f}" for omega in table.omega_rad_s))
     for mu, (slip, drift), row in zip(
@@ -59,10 +55,7 @@ def show(options: MovePlatform, result: "PlatformResult") -> dict[str, Any]:
     ):
         speeds = "".join(f"{round(1e3 * v, 3) + 0.0:8.3f}" for v in row)
         print(f"{mu:6.2f} {slip:8.1f} {drift:9.1f}{speeds}")
-    steps = {}
-    for name, motion in (("paper", result.paper), ("table_ii", result.table_ii)):
-        steps[f"{name}_net_displacement_m"] = step_m = float(motion.net_displacement_m)
-        print(f"{name}: {1e6 * step_m:.2f} um per turn at {motion.omega_rad_s:g} rad/s")
+    for name, motion in motions.items():
+        step_um = 1e6 * motion.net_displacement_m
+        print(f"{name}: {step_um:.2f} um per turn at {motion.omega_rad_s:g} rad/s")
     print(f"results: {options.out}")
-    names = ("mu", "omega_rad_s", "net_speed_m_s")
-    return {f"table_{name}": getattr(table, name).tolist() for name in names} | steps

@@ -1,5 +1,6 @@
 """Trained policies of the built-in scenarios, and what they achieve."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -42,25 +43,23 @@ class Policies(Distributed, Resumable):
             )
 
 
-def run(options: Policies, progress: Progress) -> list[dict[str, Any]]:
-    """Return the rows of the zoo or, measured, those of the leaderboard."""
+def run(options: Policies, progress: Progress) -> Iterator[Any]:
+    """Print the rows of the zoo or, measured, those of the leaderboard."""
     import msgspec
 
     from agent.study.leaderboard import leaderboard
     from agent.zoo import zoo_rows
+    from cosim.base.command import show_table
     from cosim.model.built_in import PAPER
 
-    if not (options.measure or options.policies):
-        return zoo_rows(options.scenario)
-    arguments = options.arguments("scenario", "policies", "measure", progress=progress)
-    entries = leaderboard(options.scenario or tuple(PAPER), options.policies, **arguments)
-    return [{"current": True} | msgspec.structs.asdict(entry) for entry in entries]
-
-
-def show(options: Policies, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Print the table."""
-    from cosim.base.command import show_table
-
+    measured = options.measure or options.policies
+    if measured:
+        arguments = options.arguments("scenario", "policies", "measure", progress=progress)
+        entries = leaderboard(options.scenario or tuple(PAPER), options.policies, **arguments)
+        rows = [{"current": True} | msgspec.structs.asdict(entry) for entry in entries]
+    else:
+        rows = zoo_rows(options.scenario)
+    yield {"policies": rows}
     cells = []
     for row in rows:
         share, time, path = (row.get(n) for n in ("success", "sim_time_s", "path_length_cm"))
@@ -74,6 +73,5 @@ def show(options: Policies, rows: list[dict[str, Any]]) -> dict[str, Any]:
             )
         )
     show_table(None, ("policy", "success", "time", "path", "measured"), cells)
-    if options.measure or options.policies:
+    if measured:
         print(f"leaderboard in {options.out}/: leaderboard.json and .md")
-    return {"policies": rows}

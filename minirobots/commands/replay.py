@@ -1,6 +1,7 @@
 """Run a recorded episode again and compare every bit."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -65,8 +66,8 @@ class Comparison(msgspec.Struct, frozen=True):
     versions: dict[str, tuple[str, str]]
 
 
-def run(options: Replay, progress: Progress) -> Comparison:
-    """Run an episode again and compare it with its recording.
+def run(options: Replay, progress: Progress) -> Iterator[Comparison]:
+    """Run an episode again, compare it with its recording and print what differs.
 
     Raises:
         RecordingReadError: it is no recording of an episode, or says too little to run it again.
@@ -118,7 +119,18 @@ def run(options: Replay, progress: Progress) -> Comparison:
     replayed = read_chunks(kept.chunks, data.recording_id)
     now = versions()
     changed = {k: (v, now.get(k, "")) for k, v in then.items() if v != now.get(k)}
-    return _compared(data, replayed, changed)
+    compared = _compared(data, replayed, changed)
+    yield compared
+    for name, (was, is_now) in changed.items():
+        print(f"{name} was {was} when it was recorded, and is {is_now or 'missing'} now")
+    for signal, time_s in map(msgspec.structs.astuple, compared.differences):
+        print(f"{signal} differs" + (f" from {time_s:g} s on" if time_s is not None else ""))
+    ended = "" if compared.complete else " as far as the recording goes, which is not complete"
+    equal = compared.signals - len(compared.differences)
+    print(
+        f"{equal} of {compared.signals} signals ({compared.values} values) are equal in every "
+        f"bit{ended}"
+    )
 
 
 def _compared(
@@ -159,20 +171,6 @@ def _first_difference(ours: tuple[np.ndarray, ...], theirs: tuple[np.ndarray, ..
     if not equal.all():
         return int(equal.argmin())
     return None if len(ours[0]) == len(theirs[0]) else count
-
-
-def show(_: Replay, compared: Comparison) -> None:
-    """Print what differs."""
-    for name, (then, now) in compared.versions.items():
-        print(f"{name} was {then} when it was recorded, and is {now or 'missing'} now")
-    for signal, time_s in map(msgspec.structs.astuple, compared.differences):
-        print(f"{signal} differs" + (f" from {time_s:g} s on" if time_s is not None else ""))
-    ended = "" if compared.complete else " as far as the recording goes, which is not complete"
-    equal = compared.signals - len(compared.differences)
-    print(
-        f"{equal} of {compared.signals} signals ({compared.values} values) are equal in every "
-        f"bit{ended}"
-    )
 
 
 def failed(compared: Comparison) -> bool:

@@ -1,7 +1,8 @@
 """Measure how policies succeed in worlds that are not ideal."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from agent.study.axes import AXES, Axis
 from agent.training.settings import IN_WORLDS, Method
@@ -9,9 +10,6 @@ from cosim.base.progress import Progress
 from cosim.model.config import ConfigError, require_one_of
 from cosim.model.scenario_file import ROUGH, find_scenario, read_world
 from minirobots.options import BudgetMinutes, Count, Distributed, File, Folder, Resumable, Seed
-
-if TYPE_CHECKING:
-    from agent.study.robustness import RobustnessReport
 
 
 class Robustness(Distributed, Resumable):
@@ -52,18 +50,13 @@ class Robustness(Distributed, Resumable):
         find_scenario(self.scenario, ideal=True)
 
 
-def run(options: Robustness, progress: Progress) -> "RobustnessReport":
-    """Simulate what is missing, and write the table and the plot."""
+def run(options: Robustness, progress: Progress) -> Iterator[Any]:
+    """Simulate what is missing, write the table and the plot, and print the table."""
     world = read_world(options.world)
-    from agent.study.robustness import robustness
+    from agent.study.robustness import COLUMNS, robustness
+    from cosim.base.table import show
 
-    return robustness(**options.arguments(world=world), progress=progress)
-
-
-def show(options: Robustness, report: "RobustnessReport") -> None:
-    """Print the table."""
-    from agent.study.robustness import COLUMNS
-    from cosim.base.table import show as show_table
-
-    show_table(COLUMNS, report.rows, names=5)
+    report = robustness(**options.arguments(world=world), progress=progress)
+    yield report
+    show(COLUMNS, report.rows, names=5)
     print(f"table in {options.out}/: robustness.json, robustness.md, robustness.png")

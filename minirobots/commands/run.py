@@ -1,8 +1,9 @@
 """Train, co-simulate and record episodes."""
 
 import contextlib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from agent.mdp.greedy import GreedyPolicy
     from agent.training.loop import TrainingLog
     from cosim.model.scenario import Scenario
-    from cosim.simulation.result import EpisodeResult
 
 
 class Run(NewFolder, Simulating):
@@ -121,9 +121,14 @@ class Run(NewFolder, Simulating):
         return f"what was simulated so far is in {self.folder}/" if kept else ""
 
 
-def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
-    """Train or load, co-simulate, record, and keep `summary.json` up to date."""
+def run(options: Run, progress: Progress) -> Iterator[Any]:
+    """Train or load, co-simulate, record, and keep `summary.json` up to date.
+
+    Print the outcome table, where the files are and how to open them.
+    """
     from msgspec.structs import asdict
+    from rich.console import Console
+    from rich.table import Table
 
     from agent.evaluation.series import Series
     from agent.training.recording import write_training
@@ -170,7 +175,26 @@ def run(options: Run, progress: Progress) -> "list[EpisodeResult]":
     )
     with under_way(progress, "preparing the kernels"):
         compile_kernels(series.task(0), options.episodes, threads)
-    return list(series.run(options.episodes, threads))
+    results = list(series.run(options.episodes, threads))
+    yield {"episodes": results}
+    table = Table("episode", "outcome", "path length", "rotation", "simulated", "× real time")
+    table.add_column("recording", overflow="fold")
+    for number, result in enumerate(results):
+        table.add_row(
+            str(number),
+            result.outcome,
+            f"{result.path_length_cm:.1f} cm",
+            f"{result.rotation_deg:.0f}°",
+            f"{result.sim_time_s:.0f} s",
+            f"{result.realtime_factor:.1f}",
+            result.recording or "none",
+        )
+    console = Console()
+    console.print(table)
+    console.print(f"results in {out}/: summary.json, policy.npz", soft_wrap=True)
+    recordings = [out / r.recording for r in results if r.recording]
+    if recordings:
+        console.print(f"open with: {in_shell('rerun')} {recordings[0]}", soft_wrap=True)
 
 
 def _policy(
@@ -219,29 +243,3 @@ def _facts(
         method=method_name(policy),
         versions=versions(),
     )
-
-
-def show(options: Run, results: "list[EpisodeResult]") -> "dict[str, list[EpisodeResult]]":
-    """Print the outcome table, where the files are and how to open them."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table("episode", "outcome", "path length", "rotation", "simulated", "× real time")
-    table.add_column("recording", overflow="fold")
-    for number, result in enumerate(results):
-        table.add_row(
-            str(number),
-            result.outcome,
-            f"{result.path_length_cm:.1f} cm",
-            f"{result.rotation_deg:.0f}°",
-            f"{result.sim_time_s:.0f} s",
-            f"{result.realtime_factor:.1f}",
-            result.recording or "none",
-        )
-    console, out = Console(), options.folder
-    console.print(table)
-    console.print(f"results in {out}/: summary.json, policy.npz", soft_wrap=True)
-    recordings = [out / r.recording for r in results if r.recording]
-    if recordings:
-        console.print(f"open with: {in_shell('rerun')} {recordings[0]}", soft_wrap=True)
-    return {"episodes": results}

@@ -1,16 +1,14 @@
 """Save what the Rerun viewer shows of a recording as a picture."""
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
 from cosim.base.progress import Progress, under_way
 from minirobots.options import CommandOptions, File
-
-if TYPE_CHECKING:
-    from analysis.viewer import ViewerReport
 
 
 class Screenshot(CommandOptions):
@@ -32,22 +30,17 @@ class Screenshot(CommandOptions):
     """Tab to show, such as contact or policies; by default the first."""
 
 
-def run(options: Screenshot, progress: Progress) -> "ViewerReport":
-    """Draw the recording and save the picture."""
+def run(options: Screenshot, progress: Progress) -> Iterator[Any]:
+    """Draw the recording, save the picture, and print what the viewer could not draw."""
     from analysis.viewer import screenshot, shrink
 
     with under_way(progress, "drawing in the viewer"):
         report = screenshot(options.recording, options.out, options.time, options.tab)
         shrink(options.out, options.width)
-    return report
-
-
-def show(options: Screenshot, report: "ViewerReport") -> dict[str, Any]:
-    """Print what the viewer could not draw, and what it warns of."""
+    yield asdict(report) | {"out": str(options.out)}
     for name, faults in report.views:
         for fault in faults:
             print(f"view {name}: {fault}")
     for warning in report.warnings:
         print(f"viewer: {warning}")
     print(f"loaded in {report.load_s:.1f} s, picture in {options.out}")
-    return asdict(report) | {"out": str(options.out)}

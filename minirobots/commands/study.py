@@ -1,16 +1,14 @@
 """A study of your own: policies, scenarios, worlds and any options as axes."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
 from cosim.base.arguments import taken
 from cosim.base.progress import Progress
 from minirobots.options import BudgetMinutes, Distributed, Folder, Resumable
-
-if TYPE_CHECKING:
-    from agent.study.user import StudyTable
 
 
 class Study(Distributed, Resumable):
@@ -28,19 +26,14 @@ class Study(Distributed, Resumable):
     budget_minutes: BudgetMinutes = None
 
 
-def run(options: Study, progress: Progress) -> tuple["StudyTable", Path]:
-    """Simulate what is missing and write the tables."""
+def run(options: Study, progress: Progress) -> Iterator[Any]:
+    """Simulate what is missing, and write and print the tables."""
     from agent.study.user import read_study, study
 
     arguments = read_study(options.file)
     out = options.out or taken("out", arguments.get("out", Path("runs") / options.file.stem), Path)
     work = {"out": out, "budget_minutes": options.budget_minutes, "progress": progress}
-    return study(**{**arguments, **vars(options.where), **work}), out
-
-
-def show(_: Study, result: tuple["StudyTable", Path]) -> dict[str, Any]:
-    """Print the table."""
-    table, out = result
+    table = study(**{**arguments, **vars(options.where), **work})
+    yield {"out": str(out), "rows": [row.record() for row in table.rows]}
     table.show()
     print(f"tables in {out}/: study.json, .md, .parquet, .png and episodes.parquet")
-    return {"out": str(out), "rows": [row.record() for row in table.rows]}

@@ -1,5 +1,6 @@
 """Simulate any FMUs, coupled as an SSP file says."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,7 +14,6 @@ from minirobots.options import Count, File, IsolatedOptions, Seconds
 
 if TYPE_CHECKING:
     from cosim.system.run import SystemRun
-    from cosim.system.system import System
 
 
 class SimulateSystem(IsolatedOptions):
@@ -96,8 +96,12 @@ class SimulateSystem(IsolatedOptions):
         return self.file
 
 
-def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, SystemRun]":
-    """Simulate the system and write what was recorded."""
+def run(options: SimulateSystem, progress: Progress) -> Iterator[Any]:
+    """Simulate the system, write what was recorded, and print the last values.
+
+    With --profile also what every FMU took.
+    """
+    from cosim.base.command import show_table
     from cosim.system.graph import load_fmus
     from cosim.system.inputs import read_inputs
     from cosim.system.run import write_run
@@ -136,10 +140,32 @@ def run(options: SimulateSystem, progress: Progress) -> "tuple[int, System, Syst
         step_control=options.step_control,
     )
     at_end.append(lambda _: system.close())  # whatever its FMUs do in their end, results are whole
-    simulated = system.run(until_s, every=options.every, progress=progress)
+    run = system.run(until_s, every=options.every, progress=progress)
     if options.out is not None:
-        (_write_recording if options.out.suffix == ".rrd" else write_run)(options.out, simulated)
-    return len(found.components), system, simulated
+        (_write_recording if options.out.suffix == ".rrd" else write_run)(options.out, run)
+    last = {name: values[-1].tolist() for name, values in run.signals.items()}
+    yield {
+        "time_s": system.time_s,
+        "steps": system.steps,
+        "rejected": system.rejected,
+        "ended": run.ended,
+        "last": last,
+        "profile": {name: share._asdict() for name, share in run.profile.items()},
+        "out": None if options.out is None else str(options.out),
+    }
+    print(f"{len(found.components)} components at {system.time_s:g} s, after {system.steps} steps")
+    if run.ended:
+        print(run.ended)
+    for name, value in last.items():
+        print(f"  {name} = {value}")
+    if options.profile:
+        rows = [
+            [name, str(share.steps), str(share.rollbacks), f"{1e3 * share.time_s:.3f}"]
+            for name, share in run.profile.items()
+        ]
+        show_table(None, ["component", "steps", "rollbacks", "time / ms"], rows, numbers=3)
+    if options.out is not None:
+        print(f"written to {options.out}")
 
 
 def _write_recording(path: Path, run: "SystemRun") -> None:
@@ -160,33 +186,3 @@ def _write_recording(path: Path, run: "SystemRun") -> None:
             text = values.dtype.kind == "U"
             rows = rr.TextLog.columns(text=values.tolist()) if text else scalars(flat)
             recording.columns(entity, simulated(run.time_s), rows)
-
-
-def show(options: SimulateSystem, simulated: "tuple[int, System, SystemRun]") -> dict[str, Any]:
-    """Print the last values, and with --profile what every FMU took."""
-    components, system, run = simulated
-    last = {name: values[-1].tolist() for name, values in run.signals.items()}
-    print(f"{components} components at {system.time_s:g} s, after {system.steps} steps")
-    if run.ended:
-        print(run.ended)
-    for name, value in last.items():
-        print(f"  {name} = {value}")
-    if options.profile:
-        from cosim.base.command import show_table
-
-        rows = [
-            [name, str(share.steps), str(share.rollbacks), f"{1e3 * share.time_s:.3f}"]
-            for name, share in run.profile.items()
-        ]
-        show_table(None, ["component", "steps", "rollbacks", "time / ms"], rows, numbers=3)
-    if options.out is not None:
-        print(f"written to {options.out}")
-    return {
-        "time_s": system.time_s,
-        "steps": system.steps,
-        "rejected": system.rejected,
-        "ended": run.ended,
-        "last": last,
-        "profile": {name: share._asdict() for name, share in run.profile.items()},
-        "out": None if options.out is None else str(options.out),
-    }

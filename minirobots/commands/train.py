@@ -1,8 +1,9 @@
 """Train many runs of one configuration and evaluate them."""
 
+from collections.abc import Iterator
 from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import tyro
 
@@ -11,9 +12,6 @@ from agent.training.settings import LearningConfig, read_settings
 from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress
 from minirobots.options import Count, File, NewFolder, ScenarioName, Seed
-
-if TYPE_CHECKING:
-    from agent.evaluation.grid import GridReport
 
 
 class Train(NewFolder):
@@ -57,8 +55,9 @@ class Train(NewFolder):
         return cls(config=Path(config), process=process, learning=learning)
 
 
-def run(options: Train, progress: Progress) -> "GridReport":
-    """Train what is missing and evaluate every run."""
+def run(options: Train, progress: Progress) -> Iterator[Any]:
+    """Train what is missing, evaluate every run, and print a row for each."""
+    from agent.evaluation.grid import show
     from agent.experiments.run import train_and_evaluate
     from agent.moves.model import ObservedMoves
     from agent.training.runs import Experiment
@@ -73,7 +72,7 @@ def run(options: Train, progress: Progress) -> "GridReport":
         options.runs,
         moves,
     )
-    return train_and_evaluate(
+    summary = train_and_evaluate(
         experiment,
         options.folder,
         where=options.where,
@@ -81,13 +80,8 @@ def run(options: Train, progress: Progress) -> "GridReport":
         log=options.log,
         progress=progress,
     )
-
-
-def show(options: Train, summary: "GridReport") -> None:
-    """Print a row for every run."""
-    from agent.evaluation.grid import show as show_report
-
-    show_report(summary)
+    yield summary
+    show(summary)
     print(
         f"results in {options.folder}/: summary.json, run_*/policy.npz, training.npz, training.rrd"
         + (", and training.rrd of all runs" if options.runs > 1 else "")

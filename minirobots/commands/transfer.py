@@ -1,7 +1,8 @@
 """Count the episodes of the full dynamics that succeed, by method of training."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from agent.training.settings import COMPARED, Method
 from cosim.base.progress import Progress
@@ -9,9 +10,6 @@ from cosim.model.built_in import PAPER
 from cosim.model.config import ConfigError
 from cosim.model.scenario_file import find_scenario
 from minirobots.options import BudgetMinutes, Distributed, Folder, Resumable, Seed
-
-if TYPE_CHECKING:
-    from agent.study.transfer import TransferReport
 
 
 class Transfer(Distributed, Resumable):
@@ -42,16 +40,11 @@ class Transfer(Distributed, Resumable):
             raise ConfigError("--scenarios has two of one name; leave one out, or rename it")
 
 
-def run(options: Transfer, progress: Progress) -> "TransferReport":
-    """Simulate what is missing and write the table."""
-    from agent.study.transfer import transfer
+def run(options: Transfer, progress: Progress) -> Iterator[Any]:
+    """Simulate what is missing, write the table and print it, with what became of the goals."""
+    from agent.study.transfer import show, transfer
 
-    return transfer(**options.arguments(), progress=progress)
-
-
-def show(options: Transfer, report: "TransferReport") -> None:
-    """Print the table and what became of the goals."""
-    from agent.study.transfer import show as show_report
-
-    show_report(report)
+    report = transfer(**options.arguments(), progress=progress)
+    yield report
+    show(report)
     print(f"table in {options.out}/: transfer.json, transfer.md")

@@ -1,14 +1,12 @@
 """Simulated speeds and paths compared with published numbers of machines."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from cosim.base.command import MotorFmuFile
 from cosim.base.progress import Progress
 from minirobots.options import Distributed, Folder, IsolatedOptions, Resumable, Seed
-
-if TYPE_CHECKING:
-    from cosim.machine.validation.report import ValidationReport
 
 
 class Validate(Distributed, IsolatedOptions, Resumable):
@@ -31,11 +29,11 @@ class Validate(Distributed, IsolatedOptions, Resumable):
         return "measurements so far are in the cache; the same command continues"
 
 
-def run(options: Validate, progress: Progress) -> "ValidationReport":
-    """Measure what is missing and write the tables."""
-    from cosim.base.table import write_report
+def run(options: Validate, progress: Progress) -> Iterator[Any]:
+    """Measure what is missing, and write and print the tables."""
+    from cosim.base.table import show, write_report
     from cosim.machine.validation.report import report_of
-    from cosim.machine.validation.tables import text_of
+    from cosim.machine.validation.tables import tables, text_of
     from cosim.machine.validation.validate import QUICK, Effort, validate
     from cosim.simulation.options import Physics
 
@@ -44,14 +42,7 @@ def run(options: Validate, progress: Progress) -> "ValidationReport":
     found = validate(fmu, effort, options.seed, options.where, progress)
     report = report_of(found, effort, options.seed)
     write_report(options.out / "validation", report, text_of(report))
-    return report
-
-
-def show(options: Validate, report: "ValidationReport") -> None:
-    """Print the tables."""
-    from cosim.base.table import show as show_table
-    from cosim.machine.validation.tables import tables
-
+    yield report
     for title, columns, rows in tables(report):
-        show_table(columns, rows, names=3, title=title)
+        show(columns, rows, names=3, title=title)
     print(f"results in {options.out}/: validation.json, validation.md")

@@ -1,5 +1,6 @@
 """A page in which a policy's robots drive, without installing anything."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,8 @@ class Web(Simulating):
             raise ConfigError("a page has the built-in motor only; leave out --motor-fmu")
 
 
-def run(options: Web, progress: Progress) -> dict[str, Any]:
-    """Load the policy, compile the episode and write the page."""
+def run(options: Web, progress: Progress) -> Iterator[Any]:
+    """Load the policy, compile the episode, write the page and print where it is."""
     from agent.policies import method_name
     from agent.web.build import cached_wasm
     from agent.web.packing import load_page_policy, require_playable
@@ -67,9 +68,6 @@ def run(options: Web, progress: Progress) -> dict[str, Any]:
         f"{config.robot.mu:g}."
     )
     write_page(out, policy, scenario, config, wasm, options.seed, about, worlds)
-    return {"page": str(out), "bytes": out.stat().st_size}
-
-
-def show(options: Web, written: dict[str, Any]) -> None:
-    """Print where the page is."""
-    print(f"page in {written['page']} ({written['bytes'] / 1e6:.2f} MB); open it in a browser")
+    size = out.stat().st_size
+    yield {"page": str(out), "bytes": size}
+    print(f"page in {out} ({size / 1e6:.2f} MB); open it in a browser")

@@ -164,7 +164,7 @@ def test_missing_viewer_is_told_before_anything_is_done(tmp_path):
     url = address(free_port())
     options = Run(live=True, viewer=url, out=tmp_path / "x")
     with pytest.raises(LiveError, match="no Rerun viewer answers at"):
-        run(options, silent)
+        next(run(options, silent))
     assert not (tmp_path / "x").exists()
 
 
