@@ -16,7 +16,7 @@ import numpy as np
 
 from agent.baselines import LEARNERS, Learner
 from agent.baselines.learners import Config, config_of, digest, train
-from agent.baselines.table import BaselinesReport, Drive, LearnerRun, markdown, report_of
+from agent.baselines.table import COLUMNS, BaselinesReport, Drive, LearnerRun, report_of
 from agent.evaluation.grid import PolicyMeasures, measure
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import Milestone, joint_starts
@@ -33,7 +33,7 @@ from cosim.base.jobs import Workers, until
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
-from cosim.base.table import write_report
+from cosim.base.table import markdown, write_report
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import SimulationOptions
@@ -187,7 +187,7 @@ def baselines(
         found = [training.find() for (_, *of), training in trainings.items() if tuple(of) == key]
         rows.append((key[0].name, key[1], [run for run in found if run], reasons[key]))
     report = report_of(rows, seeds, episodes, seed=seed, quick=quick)
-    write_report(out / "baselines", report, markdown(report))
+    write_report(out / "baselines", report, markdown(COLUMNS, report.rows))
     return report
 
 

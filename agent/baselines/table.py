@@ -7,7 +7,6 @@ from agent.evaluation.grid import PolicyMeasures
 from agent.evaluation.statistics import Interval, Rate, Statistics, interval_text, rate, summarise
 from agent.mdp.exact import Milestone
 from cosim.base.table import Column, field
-from cosim.base.table import markdown as table_text
 from cosim.model.outcome import Outcome
 
 ENOUGH = 0.99  # success that learners are timed to
@@ -202,8 +201,3 @@ COLUMNS = (
     _column("time_s", "simulated", 0, 1.0, " s"),
     _column("time_ratio", "× least time", 2),
 )
-
-
-def markdown(report: BaselinesReport) -> str:
-    """Return the table as Markdown."""
-    return table_text(COLUMNS, report.rows)

@@ -11,7 +11,6 @@ from cosim.base.errors import UserError
 
 if TYPE_CHECKING:
     from cosim.recording.reader import Episode
-    from cosim.recording.rrd import Signal
 
 Format = Literal["parquet", "csv", "mcap", "mat"]
 
@@ -66,9 +65,3 @@ def facts_of(episode: "Episode") -> dict[str, Any]:
         "complete": episode.complete,
         "parameters": {name: p._asdict() for name, p in episode.parameters.items()},
     }
-
-
-def components_of(signal: "Signal") -> tuple[str, ...]:
-    """Names of a signal's components: those of the recording, or their numbers."""
-    count = 1 if signal.values.ndim == 1 else signal.values.shape[1]
-    return signal.components if len(signal.components) == count else tuple(map(str, range(count)))

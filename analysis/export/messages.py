@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from analysis.export.content import ExportError, components_of, facts_of
+from analysis.export.content import ExportError, facts_of
 from cosim.base.errors import installing
 from cosim.base.progress import Progress
 from cosim.recording.reader import Episode
@@ -44,7 +44,7 @@ def write_messages(episode: Episode, out: Path, progress: Progress) -> None:
         writer.add_metadata("minirobots", about)
         streams = []
         for path, signal in episode.signals.items():
-            names = components_of(signal)
+            names = signal.names
             channel = _channel(writer, path, dict.fromkeys(names, "number"), signal.unit)
             rows = signal.values.reshape(len(signal.time_s), -1)
             streams.append(_messages(channel, signal.time_s, names, rows))

@@ -16,7 +16,7 @@ import pyarrow.csv
 import pyarrow.parquet
 import scipy.io
 
-from analysis.export.content import Format, components_of, facts_of
+from analysis.export.content import Format, facts_of
 from analysis.export.messages import write_messages
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing
@@ -65,7 +65,7 @@ def _tables(episode: Episode, progress: Progress) -> Iterator[pa.Table]:
     total = len(episode.signals) + len(episode.texts)
     for done, (path, signal) in enumerate(episode.signals.items()):
         progress("exporting", done, total)
-        names = components_of(signal)
+        names = signal.names
         values = np.ascontiguousarray(signal.values, np.float64).reshape(-1)
         rows = len(signal.time_s)
         numbers = np.tile(np.arange(len(names), dtype=np.int32), rows)
@@ -113,7 +113,7 @@ def _write_mat(episode: Episode, out: Path, progress: Progress) -> None:
         variables[_identifier(path, variables)] = {
             "path": path,
             "unit": signal.unit,
-            "components": np.array(components_of(signal), dtype=object),
+            "components": np.array(signal.names, dtype=object),
             "time_s": signal.time_s[:, None],
             "values": signal.values.reshape(len(signal.time_s), -1),
         }

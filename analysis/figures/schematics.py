@@ -9,12 +9,11 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
 from analysis.figures.style import WIDTH_IN, Caption, Drawing
 from cosim.base.plotting import BLACK, BLUE, GREEN, GREY, VERMILION
-from cosim.model.params import TABLE_I, TABLE_II, RobotParams
+from cosim.model.params import TABLE_I, TABLE_II
 from cosim.physics.contact import foot_positions
 from cosim.physics.forces import motor_mounts
 
@@ -72,10 +71,7 @@ def fig02(results: Path) -> Drawing:
 
 def fig04(results: Path) -> Drawing:
     """Draw the robot from above, to scale."""
-    return Drawing(_robot(TABLE_I), _robot_caption(TABLE_I))
-
-
-def _robot(robot: RobotParams) -> Figure:
+    robot = TABLE_I
     figure, axes = plt.subplots(figsize=(WIDTH_IN / 2, WIDTH_IN / 2))
     radius = 1e3 * robot.diameter_m / 2.0
     _blank(axes, (-1.3 * radius, 1.5 * radius), (-1.2 * radius, 1.2 * radius))
@@ -99,11 +95,7 @@ def _robot(robot: RobotParams) -> Figure:
     _arrow(axes, (radius + 2, 0.0), (radius + 9, 0.0), VERMILION)
     axes.text(radius + 5, -3.0, "forwards", color=VERMILION, ha="center")
     axes.text(0.0, -radius - 3.0, f"diameter {2 * radius:g} mm", ha="center")
-    return figure
-
-
-def _robot_caption(robot: RobotParams) -> Caption:
-    return Caption(
+    caption = Caption(
         "fig04",
         "The robot from above, to scale: feet A, B, C and motors D, E",
         "three contact points and two vibration motors, at φ = 90° and −90°.",
@@ -115,6 +107,7 @@ def _robot_caption(robot: RobotParams) -> Caption:
         ),
         {"foot_radius_m": robot.foot_radius_m, "motor_radius_m": robot.motor_radius_m},
     )
+    return Drawing(figure, caption)
 
 
 # Blocks of Fig. 6: centre and half width, and what stands in them.

@@ -78,15 +78,14 @@ class Inspection(msgspec.Struct, frozen=True):
 def statistics(path: str, signal: Signal) -> list[SignalStatistics]:
     """Statistics of each component of a signal."""
     columns = signal.values.reshape(len(signal.time_s), -1)
-    named = len(signal.components) == columns.shape[1]
     rows = []
-    for k, column in enumerate(columns.T):
+    for component, column in zip(signal.names, columns.T, strict=True):
         known = column[np.isfinite(column)]
         measures = (np.min, np.mean, np.max, np.std)
         rows.append(
             SignalStatistics(
                 path,
-                signal.components[k] if named else str(k),
+                component,
                 signal.unit,
                 len(column),
                 _period(signal.time_s),

@@ -10,8 +10,6 @@ from cosim.base.errors import UserError
 from cosim.recording.rrd import RecordingReadError, Signal, read_rrd
 
 LOOPS = ("open_loop", "closed_loop")
-# Entities below /sim/<loop>, and what they hold.
-SIGNALS = ("omega", "omega_des", "voltage", "current", "disturbance")
 
 
 class MotorTestError(UserError):
@@ -36,6 +34,9 @@ class Response(NamedTuple):
     voltage: np.ndarray
     current: np.ndarray
     disturbance: np.ndarray
+
+
+SIGNALS = Response._fields[1:]  # entities below /sim/<loop>
 
 
 def read(path: Path) -> dict[str, Response]:

@@ -55,6 +55,12 @@ class Signal(NamedTuple):
     components: tuple[str, ...]
     unit: str
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all components: those of the recording, or their numbers."""
+        count = 1 if self.values.ndim == 1 else self.values.shape[1]
+        return self.components if len(self.components) == count else tuple(map(str, range(count)))
+
 
 class Texts(NamedTuple):
     """States or log lines over simulated time.
@@ -183,10 +189,8 @@ def read_chunks(
             texts[entity] = _texts(batches, column)
         else:
             ending, unit = _NUMBERS[column]
-            if not ending:
-                unit = units.get(entity, "")
-            held = _signal(entity + ending, batches, column, names.get(entity, ()))
-            signals[entity + ending] = held._replace(unit=unit)
+            key, unit = entity + ending, unit or units.get(entity, "")
+            signals[key] = _signal(key, batches, column, names.get(entity, ()), unit)
     return RecordingData(path, recording_id, complete, signals, texts, documents, properties)
 
 
@@ -224,7 +228,7 @@ def _in_order(batches: Iterable[pa.RecordBatch], column: str) -> tuple[np.ndarra
 
 
 def _signal(
-    key: str, batches: list[pa.RecordBatch], column: str, components: tuple[str, ...]
+    key: str, batches: list[pa.RecordBatch], column: str, components: tuple[str, ...], unit: str
 ) -> Signal:
     time_s, rows = _in_order(batches, column)
     flat = rows.flatten()
@@ -232,11 +236,11 @@ def _signal(
         flat = flat.flatten()
     values = flat.to_numpy(zero_copy_only=False).astype(np.float64)
     if not len(time_s):
-        return Signal(time_s, np.zeros(0), components, "")
+        return Signal(time_s, np.zeros(0), components, unit)
     if values.size % len(time_s):
         raise RecordingReadError(f"signal {key} changes its number of components; record it again")
     values = values.reshape(len(time_s), -1)
-    return Signal(time_s, values[:, 0] if values.shape[1] == 1 else values, components, "")
+    return Signal(time_s, values[:, 0] if values.shape[1] == 1 else values, components, unit)
 
 
 def _texts(batches: list[pa.RecordBatch], column: str) -> Texts:

@@ -196,12 +196,14 @@ def validate(
         }
 
     speeds, slopes = measurements("speed", SPEEDS), measurements("slopes", compared)
-    paths = [
-        Measurement("ends", driving, motor_fmu, path, effort.robots, dithered, seed)
+    paths = {
+        (path, dithered): Measurement(
+            "ends", driving, motor_fmu, path, effort.robots, dithered, seed
+        )
         for path in (*PATHS, None)
         for dithered in (True, False)
-    ]
-    store, jobs = _Cache(), [*speeds.values(), *slopes.values(), *paths]
+    }
+    store, jobs = _Cache(), [*speeds.values(), *slopes.values(), *paths.values()]
     for _ in run(jobs, store, MEASUREMENTS, where, progress=progress, task="measuring"):
         pass
     return Validation(
@@ -210,10 +212,7 @@ def validate(
             Sensitivity(p, store.find(job), closed_form(job.config, p.omega_rad_s))
             for p, job in slopes.items()
         ],
-        [
-            DrivenPath(path, job.dithered, store.find(job))
-            for path, job in zip([p for p in (*PATHS, None) for _ in range(2)], paths, strict=True)
-        ],
+        [DrivenPath(*which, store.find(job)) for which, job in paths.items()],
     )
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from agent.baselines import comparison
 from agent.baselines.learners import config_of, digest
-from agent.baselines.table import Drive, LearnerRun, markdown, report_of
+from agent.baselines.table import COLUMNS, Drive, LearnerRun, report_of
 from agent.deep.policy import NetworkConfig
 from agent.evaluation.grid import PolicyMeasures
 from agent.mdp.exact import Milestone
@@ -15,6 +15,7 @@ from agent.moves import observe
 from agent.study.store import EpisodeStore
 from cosim.base.errors import UserError
 from cosim.base.progress import silent
+from cosim.base.table import markdown
 from cosim.model.outcome import Outcome
 from cosim.model.scenario_file import find_scenario
 from minirobots.commands.baselines import Baselines
@@ -198,7 +199,7 @@ def test_rows_are_means_over_seeds_with_intervals():
     runs = [run(0, 0.99, 3.0, drives), run(1, 0.9, 5.0)]
     rows = [("2", "ippo", runs, None), ("4-cross", "shortest", [], "n/a: too many")]
     report = report_of(rows, 2, 3)
-    (row, left_out), text = report.rows, markdown(report).splitlines()
+    (row, left_out), text = report.rows, markdown(COLUMNS, report.rows).splitlines()
     assert not report.complete  # the second seed has not driven
     assert report_of(rows[1:], 2, 3).complete
     for seeds, episodes, complete in ((1, 3, True), (1, 4, False), (2, 3, False)):
