@@ -142,7 +142,9 @@ def _tab_names(blueprint: dict[str, Any]) -> dict[str, tuple[str, str]]:
     containers = {path: entry.get("ContainerBlueprint", {}) for path, entry in blueprint.items()}
     views = {path: entry.get("ViewBlueprint", {}) for path, entry in blueprint.items()}
     tabs = {
-        path: c["contents"] for path, c in containers.items() if c.get("container_kind") == "Tabs"
+        path: [c["contents"]] if isinstance(c["contents"], str) else c["contents"]  # of one tab
+        for path, c in containers.items()
+        if c.get("container_kind") == "Tabs"
     }
     within = {f"/{part}" for parts in tabs.values() for part in parts}
     return {
