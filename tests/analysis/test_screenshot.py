@@ -50,7 +50,7 @@ def test_missing_tab_is_named(run_folder, tmp_path):
 
 def test_tabs_within_a_tab_are_not_the_first():
     def tabs(name: str, *parts: str) -> dict[str, Any]:
-        contents = parts if len(parts) > 1 else parts[0]  # as the viewer says it
+        contents = parts if len(parts) != 1 else parts[0]  # as the viewer says it
         entry = {"display_name": name, "container_kind": "Tabs", "contents": contents}
         return {"ContainerBlueprint": entry}
 
