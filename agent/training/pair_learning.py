@@ -6,7 +6,8 @@ learns from the next one (TD(0) over after-states): the mean time of the moves b
 is known of what follows. With the observed time of every move, what was met would be known as too
 slow or too fast, and robots would wander among what they had not met. Commitments learn while the
 episode runs, so that robots leave what they find to be slow, and again backwards from its end, so
-that one episode tells all its commitments how it ended.
+that one episode tells all its commitments how it ended. The last one learns `FAILURE_S` or, if the
+episode succeeds, 0: otherwise one failure next to the targets would never be forgotten.
 
 In every episode one robot explores, among the moves that keep apart, while its partner is greedy:
 mostly the move that would be best if it was alone. Of a choice that was explored only what is
@@ -210,9 +211,9 @@ def _run_episodes(
                 steps += passed
                 if outcome == RUNNING and steps >= step_limit:
                     outcome = TIMEOUT  # a cut, not an end
-        if outcome not in (SUCCESS, TIMEOUT):
+        if outcome != TIMEOUT:
             visits[at[now, 0], at[now, 1], at[now, 2], at[now, 3]] += np.uint32(1)
-            _learn(times, visits, at[now], FAILURE_S, eta)
+            _learn(times, visits, at[now], 0.0 if outcome == SUCCESS else FAILURE_S, eta)
         for k in range(now - 1, -1, -1):
             time_s = taken_s[k] + _known_s(times, at[k + 1])
             if not explored[k] or time_s < _known_s(times, at[k]):

@@ -18,9 +18,9 @@ from agent.moves.bound import mean_seconds
 from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, move_kind
 from agent.moves.pair import moves_of_pair
 from agent.policies import load_policy
-from agent.training.learning import build_learning
+from agent.training.learning import SUCCESSES, build_learning
 from agent.training.loop import fresh_state, move_model
-from agent.training.pair_learning import advance_pair, first_delay, of_both
+from agent.training.pair_learning import FAILURE_S, advance_pair, first_delay, of_both
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
@@ -255,6 +255,20 @@ def test_what_was_never_met_is_raised_when_exploration_ends_however_a_run_is_cut
     assert (whole.q[never] == unseen[never]).all()
     assert (first[never] < unseen[never]).any()
     assert (whole.q[~never] != first[~never]).mean() > 0.9
+
+
+def test_a_failure_next_to_the_targets_is_forgotten_when_others_succeed():
+    config = PolicyConfig(BOARD, PROCESS, replace(LEARNING, epsilon=0.0), Seed(3), MOVES)
+    process, model, state = build_process(BOARD, PROCESS), move_model(config), fresh_state(config)
+    assert model is not None
+    first, second = (x * SIDE + y for x, y in BOARD.targets)
+    state.q[first, :, second] = FAILURE_S / pair.GRAIN_S
+    learning, times = build_learning(config.learning), moves_of_pair(process, MOVES)
+    advance_pair(process, model, learning, times, state, 500)
+    ended = state.visits[first, :, second]
+    assert ended.sum() == state.curve[:5, SUCCESSES].sum()
+    assert (state.q[first, :, second][ended > 0] < FAILURE_S / pair.GRAIN_S / 2).all()
+    assert state.curve[4, SUCCESSES] > 90  # of 100
 
 
 def test_directions_that_fail_have_no_value_in_recordings(policy):
