@@ -211,14 +211,14 @@ def _field_message(message: str) -> str:
 def _cells(field: str, items: Sequence[Sequence[int]]) -> tuple[Cell, ...]:
     rectangles: list[Rectangle] = []
     for k, item in enumerate(items):
-        if len(item) not in {2, 4}:
+        left, bottom, right, top = (*item, *item)[:4] if len(item) in {2, 4} else (1, 1, 0, 0)
+        if left > right or bottom > top:
             raise ScenarioError(
                 f"{field}[{k}]: {item} is neither a cell [x, y] nor a rectangle "
                 "[first column, first row, last column, last row]"
             )
-        left, bottom, right, top = (*item, *item)[:4]
         rectangles.append((left, bottom, right, top))
-    cells = sum(max(r[2] - r[0] + 1, 0) * max(r[3] - r[1] + 1, 0) for r in rectangles)
+    cells = sum((r[2] - r[0] + 1) * (r[3] - r[1] + 1) for r in rectangles)
     if cells > MAX_CELLS:
         raise ScenarioError(f"{field} lists {cells} cells, more than {MAX_CELLS}; leave out some")
     return filled(*rectangles)

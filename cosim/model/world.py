@@ -15,7 +15,6 @@ from cosim.model.params import MotorParams, Quantity
 
 Rectangle = tuple[int, int, int, int]  # first column, first row, last column, last row, inclusive
 
-_MOST_PHASE_DEG = 360.0
 _MAX_PATCHES = 1000  # the dynamics look at one by one
 # Limit of drawn factors, in standard deviations from 1.
 _MOST_DEVIATIONS = 3.0
@@ -147,12 +146,13 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
                 f"world.mu_patches has {len(self.mu_patches)} patches, more than {_MAX_PATCHES}; "
                 "join or leave out some"
             )
-        for phase_deg in self.motor_phases_deg:
-            if not -_MOST_PHASE_DEG <= phase_deg <= _MOST_PHASE_DEG:
-                raise WorldError(
-                    f"world.motor_phases_deg has {phase_deg:g}, which is not usable; give "
-                    f"{-_MOST_PHASE_DEG:g} to {_MOST_PHASE_DEG:g}"
-                )
+        for name, most in (("motor_phases_deg", 360.0), ("payload_offset_mm", 1000.0)):
+            for value in getattr(self, name):
+                if not -most <= value <= most:
+                    raise WorldError(
+                        f"world.{name} has {value:g}, which is not usable; give {-most:g} to "
+                        f"{most:g}"
+                    )
         if any(self.payload_offset_mm) and not self.payload_g:
             raise WorldError(
                 "world.payload_offset_mm has no effect without a payload; give payload_g"

@@ -131,6 +131,8 @@ def test_the_documented_examples_are_usable(scenario_file):
         (MINIMAL.replace("18]", '"18"]'), r"robots\[0\]\.target\[1\]: expected 'int', got 'str'"),
         (MINIMAL.replace('"top"', '"up"'), r"robots\[0\]\.starts: invalid enum value 'up'"),
         (MINIMAL.replace('"top"', "[[1, 2, 3]]"), r"robots\[0\]\.starts\[0\]: \[1, 2, 3\]"),
+        (MINIMAL.replace('"top"', "[[0, 0], [9, 5, 3, 8]]"), r"starts\[1\]: \[9, 5, 3, 8\] is nei"),
+        ("obstacles = [[9, 8, 12, 5]]" + MINIMAL, r"obstacles\[0\]: \[9, 8, 12, 5\] is neither"),
         (MINIMAL.replace('"top"', "[]"), r"starts\[0\] is empty"),
         (MINIMAL + 'colour = "red"', r"robots\[0\]: .*unknown field 'colour'"),
         ("columns = 0" + MINIMAL, "columns: expected 'int' >= 1"),
