@@ -8,7 +8,7 @@ A step sets the inputs, lets the compiled master make its communication steps, a
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +19,17 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from cosim.base.arguments import taken
+from cosim.base.arguments import numbers, taken
 from cosim.base.errors import shown
 from cosim.fmi.fmu import Fmu
 from cosim.model.config import whole_ratio
-from cosim.system.graph import Component, Connection, GraphError, find, load_fmus
+from cosim.system.graph import Component, Connection, GraphError, Node, find, load_fmus
 from cosim.system.ssp.reader import read_system
-from cosim.system.system import System
+from cosim.system.system import System, require_positive
 
 Reward = Callable[[np.ndarray, np.ndarray, np.ndarray], float]
 _LIMIT_STEPS = 1000
+_MOST = float(np.finfo(np.float32).max)
 _FLOATS = ("Real", "Float")
 
 
@@ -90,10 +91,12 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
         """
         start_s, stop_s, entries = 0.0, None, []
         if isinstance(system, str | Path):
-            components, connections, entries, began_s, stop_s = read_system(Path(system))
+            components, connections, entries, began_s, stop_s, _ = read_system(Path(system))
             start_s = began_s or 0.0
         else:
             components, connections = system
+        require_positive("step", step)
+        require_positive("step_s", step_s)
         self._ticks = whole_ratio("step", step, "step_s", step_s)
         self._fmus = load_fmus(components)
         self._components = list(components)
@@ -101,22 +104,31 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
         for name in ("inputs", "record", "start_s", "stop_s"):
             if name in options:
                 raise GraphError(f"{name} is not for environments; leave it out")
-        self._wiring = [_targets(name, entries) for name in actions]
         given = actions if isinstance(actions, Mapping) else {}
+        asked = taken("actions", [*given] or actions, tuple[str, ...], GraphError)
+        self._wiring = [_targets(name, entries) for name in asked]
         bounds = [
             _checked_bounds(name, given[name] if given else _declared(self._fmus, targets))
-            for name, targets in zip(actions, self._wiring, strict=True)
+            for name, targets in zip(asked, self._wiring, strict=True)
         ]
         self._limit = _LIMIT_STEPS
         if duration is None and stop_s is not None:
             duration = stop_s - start_s
         if duration is not None:
+            require_positive("duration", duration)
             self._limit = whole_ratio("duration", duration, "step", step)
+        if not (callable(reward) or isinstance(reward, str)) or not callable(terminated):
+            raise GraphError(
+                "give a function or a variable as reward, and a function as terminated"
+            )
         self._reward = reward if callable(reward) else lambda *_: self._read_reward()[0]
         self._terminated = terminated
-        self._seen = list(observations)
+        self._seen = taken("observations", observations, tuple[str, ...], GraphError)
         names = [target.target for targets in self._wiring for target in targets]
         inputs = {name: ([start_s], [_start(self._fmus, self._components, name)]) for name in names}
+        self._inputs = {find(self._fmus, name) for name in names}
+        if len(self._inputs) < len(names):
+            raise GraphError(f"actions = {shown(asked)} set an input twice; leave one out")
         self._whole = [not _variable(self._fmus, name).type.startswith(_FLOATS) for name in names]
         self._rewards = [reward] if isinstance(reward, str) else []
         recorded = list(dict.fromkeys([*self._seen, *self._rewards]))
@@ -125,17 +137,23 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
             "stop_s": None if duration is None else start_s + duration,
         }  # fmt: skip
         for name in self._parameters:
-            find(self._fmus, name)
+            self._parameter(name)
         low, high = np.array(bounds, dtype=np.float32).reshape(-1, 2).T
         self.action_space = spaces.Box(low, high, dtype=np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (len(self._seen),), np.float32)
         self._system: System | None = None
         self._make({})
 
+    def _parameter(self, name: str) -> Node:
+        node = find(self._fmus, name)
+        if node in self._inputs:
+            raise GraphError(f"parameter {name} has no effect, as an action sets it; leave it out")
+        return node
+
     def _make(self, drawn: dict[str, float]) -> None:
         """Make the system, with some start values."""
         self.close()
-        given = {find(self._fmus, name): value for name, value in drawn.items()}
+        given = {self._parameter(name): value for name, value in drawn.items()}
         components = [
             c._replace(start={**c.start, **{n: v for (k, n), v in given.items() if k == c.name}})
             for c in self._components
@@ -163,7 +181,7 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
             name: float(self.np_random.uniform(low, high))
             for name, (low, high) in self._parameters.items()
         }
-        drawn |= given.pop("parameters", {})
+        drawn |= taken("parameters", given.pop("parameters", {}), dict[str, float], GraphError)
         if given:
             raise GraphError(f"reset has no option {', '.join(given)}; give parameters")
         made = self._system is not None and drawn == self._drawn
@@ -173,7 +191,7 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
             self._make(drawn)
         self._steps, self._running = 0, True
         self._observation = self._observed()
-        return self._observation, {"parameters": drawn}
+        return self._observation.copy(), {"parameters": drawn}
 
     def _observed(self) -> np.ndarray:
         return np.array(self._read(), dtype=np.float32)
@@ -187,15 +205,10 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
         """
         if self._system is None or not self._running:
             raise GraphError("no episode is running; call reset before the next step")
-        wanted = np.asarray(action)
-        if (
-            wanted.shape != self.action_space.shape
-            or wanted.dtype.kind not in "fiu"
-            or not np.isfinite(wanted).all()
-        ):
-            raise GraphError(f"action = {shown(action)}: give {len(self._wiring)} finite numbers")
         assert isinstance(self.action_space, spaces.Box)
-        cut = np.clip(wanted.astype(np.float64), self.action_space.low, self.action_space.high)
+        if (wanted := numbers(action, self.action_space.shape)) is None:
+            raise GraphError(f"action = {shown(action)}: give {len(self._wiring)} finite numbers")
+        cut = np.clip(wanted, self.action_space.low, self.action_space.high)
         self._running = self._fresh = False
         try:
             held = [
@@ -215,7 +228,7 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
         ended = not going_on or bool(self._terminated(self._observation))
         late = not ended and self._steps >= self._limit
         self._running = not (ended or late)
-        return self._observation, reward, ended, late, {"time_s": self._system.time_s}
+        return self._observation.copy(), reward, ended, late, {"time_s": self._system.time_s}
 
     def close(self) -> None:
         """Free the FMUs; `reset` makes them again."""
@@ -251,8 +264,9 @@ class SystemVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             GraphError, FmuError: see `SystemEnv`; or an FMU allows one instance only.
         """
-        if num_envs < 1:
-            raise GraphError(f"num_envs = {num_envs} must be at least 1")
+        for name, value in (("num_envs", num_envs), ("threads", 1 if threads is None else threads)):
+            if taken(name, value, int, GraphError) < 1:
+                raise GraphError(f"{name} = {value} must be at least 1")
         self.envs = [SystemEnv(*arguments, **options)]
         for name, fmu in self.envs[0]._fmus.items():
             if num_envs > 1 and fmu.interface.canBeInstantiatedOnlyOncePerProcess:
@@ -292,12 +306,13 @@ class SystemVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Step all instances; one that has ended begins again instead, with a reward of 0.
 
         Raises:
-            GraphError: actions are not a row per instance, or see `SystemEnv.step`.
+            GraphError: actions are not a row of finite numbers per instance; none is stepped then.
             FmuError: an FMU failed.
         """
-        if np.shape(actions)[:1] != (self.num_envs,):
+        if (given := numbers(actions, self.action_space.shape or ())) is None:
             raise GraphError(
-                f"actions = {shown(actions)}: give a row to each of {self.num_envs} instances"
+                f"actions = {shown(actions)}: give a row to each of {self.num_envs} instances, of "
+                "finite numbers"
             )
         rows: list[Any] = [None] * self.num_envs
 
@@ -308,9 +323,12 @@ class SystemVectorEnv(gym.vector.VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                     seen, info = env.reset()
                     rows[k] = seen, 0.0, False, False, info
                 else:
-                    rows[k] = env.step(actions[k])
+                    rows[k] = env.step(given[k])
 
-        list(self._pool.map(work, self._parts))
+        stepped = [self._pool.submit(work, part) for part in self._parts]
+        wait(stepped)  # so that no instance is stepped still where another one has failed
+        for each in stepped:
+            each.result()
         infos: dict[str, Any] = {}
         for k, row in enumerate(rows):
             infos = self._add_info(infos, row[4], k)
@@ -358,6 +376,6 @@ def _start(fmus: Mapping[str, Fmu], components: Sequence[Component], target: str
 
 def _checked_bounds(name: str, bounds: Any) -> tuple[float, float]:
     low, high = taken(f"bounds of {name}", bounds, tuple[float, float])
-    if not -np.inf < low <= high < np.inf:
+    if not -_MOST <= low <= high <= _MOST:
         raise GraphError(f"{name}: bounds ({low}, {high}) must be finite, the lower one first")
     return low, high

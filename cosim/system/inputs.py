@@ -1,5 +1,6 @@
 """Inputs that are given over time: as arrays, functions, or columns of a file."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from cosim.system.graph import DTYPES, Connection, GraphError, Link, Node, conve
 _TABLE = Kind(
     "input table", "write it as .csv or .parquet, times in s in the column time", GraphError
 )
+_UNIT = re.compile(r"(.*?)\s*\[\s*([^\[\]]*?)\s*\]")  # behind a name
 _EXACT = 2**53  # the largest integer up to which values as float64 are exact
 Series = tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]
 Given = Series | Callable[[np.ndarray], np.ndarray]  # times in s and values, or a function of times
@@ -102,7 +104,10 @@ def sampled(inputs: Mapping[Node, tuple[str, Given]], time_s: np.ndarray) -> lis
 
 
 def read_inputs(
-    path: Path, fmus: Mapping[str, Fmu], entries: Sequence[Connection]
+    path: Path,
+    fmus: Mapping[str, Fmu],
+    entries: Sequence[Connection],
+    units: Mapping[str, UnitUse] = {},
 ) -> dict[str, Series]:
     """Return inputs over time by "component.variable" from a file.
 
@@ -111,6 +116,7 @@ def read_inputs(
             or as a connector of the system, then optionally a unit as in "motor.u [mV]".
         fmus: of the components.
         entries: from connectors of the system to inputs.
+        units: of connectors of the system that have one.
 
     Raises:
         GraphError: it cannot be read, or a column is no input or in another unit.
@@ -124,20 +130,34 @@ def read_inputs(
     time_s = columns.pop("time")
     found: dict[str, Series] = {}
     for column, values in columns.items():
-        name, _, unit = (part.strip() for part in column.rstrip("] ").partition("["))
+        name, unit = column.strip(), ""
+        if (parts := _UNIT.fullmatch(name)) and not _is_known(fmus, entries, name):
+            name, unit = parts.groups()
         ends = [entry for entry in entries if entry.source == name]
         for end in ends or [Connection(name, name)]:
             component, variable = find(fmus, end.target)
             fmu = fmus[component]
             own = unit_use(fmu.variables[variable], fmu.description)
             factor, offset = end.factor, end.offset
-            if unit and not ends:
-                used = UnitUse(unit, base_unit(unit, fmu.description), own and own.difference)
-                factor, offset = convert(f"{path}: column {column}", used, own)
+            if unit:
+                own = units.get(name) if ends else own
+                if own is None:
+                    raise GraphError(f"{path}: column {column}: {name} has no unit; leave it out")
+                used = UnitUse(unit, base_unit(unit, fmu.description), own.difference)
+                scale, shift = convert(f"{path}: column {column}", used, own)
+                factor, offset = factor * scale, factor * shift + offset
             if end.target in found:
                 raise GraphError(f"{path}: two columns give {end.target}; remove one")
             found[end.target] = time_s, factor * values + offset
     return found
+
+
+def _is_known(fmus: Mapping[str, Fmu], entries: Sequence[Connection], name: str) -> bool:
+    """Return whether a column's whole header is an input, brackets and all."""
+    try:
+        return any(entry.source == name for entry in entries) or bool(find(fmus, name))
+    except GraphError:
+        return False
 
 
 def _columns(table: Any) -> dict[str, np.ndarray]:

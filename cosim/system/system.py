@@ -12,6 +12,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from cosim.base.arguments import taken
 from cosim.base.jit import uninterrupted
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.fmi.abi import FMI_ERROR, FMI_FATAL, FMI_OK
@@ -127,10 +128,15 @@ class System:
             FmuError: an FMU cannot be used, or fails at the start.
             OSError: an FMU cannot be read.
         """
-        _require_positive("step", step_s)
-        _require_positive("solver_tolerance", solver_tolerance)
+        for name, value, kind in (
+            ("algorithm", algorithm, MasterAlgorithm), ("loops", loops, Loops),
+            ("step_control", step_control, StepControl), ("fmu_log", fmu_log, LogLevel),
+        ):  # fmt: skip
+            taken(name, value, kind, GraphError)
+        require_positive("step", step_s)
+        require_positive("solver_tolerance", solver_tolerance)
         if tolerance is not None:
-            _require_positive("tolerance", tolerance)
+            require_positive("tolerance", tolerance)
         fmus = load_fmus(components)
         self._fmus, self._stop_s = fmus, stop_s
         links = check_connections(fmus, connections)
@@ -190,7 +196,11 @@ class System:
         checked = outputs(fmus, "Real", "Float64") if tolerance else []
         longest = _LONGEST
         if longest_step_s is not None:
-            _require_positive("longest step", longest_step_s)
+            require_positive("longest step", longest_step_s)
+            if not tolerance:
+                raise GraphError(
+                    f"longest step {longest_step_s:g} has no effect without a tolerance; give one"
+                )
             longest = whole_ratio("longest step", longest_step_s, "step", step_s)
         self._scheme = Scheme(
             number, start_s, tick_s, tolerance or 0.0, int(by_energy), longest, 1,
@@ -292,7 +302,7 @@ class System:
         every *= self._ticks
         scheme, layout = self._scheme._replace(every=every), self._layout
         duration_s = until_s - scheme.start_s
-        _require_positive("time to run", duration_s)
+        require_positive("time to run", duration_s)
         whole = "step" if self._common == 1 else "a common multiple of all steps"
         common_s = self._common * scheme.tick_s
         until = self._common * whole_ratio("time to run to", duration_s, whole, common_s)
@@ -506,12 +516,13 @@ def _steps_of(fmus: Mapping[str, Fmu], step_s: float, own: Mapping[str, float]) 
     for name, value in own.items():
         if name not in fmus:
             raise GraphError(f"a step is given to '{name}'; components are {', '.join(fmus)}")
-        _require_positive(f"step of {name}", value)
+        require_positive(f"step of {name}", value)
     return {name: own.get(name, step_s) for name in fmus}
 
 
-def _require_positive(name: str, value: float) -> None:
-    if not 0.0 < value < math.inf:
+def require_positive(name: str, value: float) -> None:
+    """Refuse what is no positive finite number; raises GraphError."""
+    if not 0.0 < taken(name, value, float, GraphError) < math.inf:
         raise GraphError(f"{name} {value:g}: choose one above 0")
 
 

@@ -118,7 +118,7 @@ def run(options: SimulateSystem, progress: Progress) -> Iterator[Any]:
     inputs = None
     if options.input is not None:
         fmus = load_fmus(found.components)
-        inputs = read_inputs(options.input, fmus, found.entries)
+        inputs = read_inputs(options.input, fmus, found.entries, found.units)
     system = System(
         found.components,
         found.connections,

@@ -46,6 +46,7 @@ class SystemFile(NamedTuple):
         connections: between them.
         entries: from inputs of the system to those of components, by their names.
         start_s, stop_s: of its default experiment, in s; None if it does not say.
+        units: of inputs of the system that have one, by their names.
     """
 
     components: list[Component]
@@ -53,6 +54,7 @@ class SystemFile(NamedTuple):
     entries: list[Connection]
     start_s: float | None
     stop_s: float | None
+    units: dict[str, UnitUse]
 
 
 class _Wire(NamedTuple):
@@ -156,9 +158,13 @@ class _Reader:
                 for key, value in self._given[name].items()
             }
             components.append(Component(name, fmu, start))
-        return SystemFile(
-            components, connections, entries, times.get("startTime"), times.get("stopTime")
-        )
+        units = {
+            name: unit
+            for place, name in self._connectors
+            if not place and (unit := self._declared_unit((place, name)))
+        }
+        ends = times.get("startTime"), times.get("stopTime")
+        return SystemFile(components, connections, entries, *ends, units)
 
     def _read_system(
         self, system: Element, place: str, above: dict[str, Value], level: int

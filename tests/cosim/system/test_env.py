@@ -138,6 +138,18 @@ def test_what_fails_ends_an_episode_and_the_next_one_is_whole(small):
         ({"observations": ["first.y"]}, "first has no variable 'y'"),
         ({"parameters": {"first.y": (0.0, 1.0)}}, "first has no variable 'y'"),
         ({"step": 0.0505}, "step = 0.0505 s is no whole multiple"),
+        ({"step": np.nan}, "step nan: choose one above 0"),
+        ({"step": "fast"}, "step = 'fast' is invalid"),
+        ({"actions": {"first.F_in": (0.0, 1e39)}}, "must be finite"),
+        ({"actions": [1]}, r"actions = \[1\] is invalid: expected str"),
+        ({"observations": [1]}, r"observations = \[1\] is invalid: expected str"),
+        ({"parameters": {"first.F_in": (0.0, 1.0)}}, "parameter first.F_in has no effect"),
+        ({"reward": None}, "give a function or a variable as reward"),
+        ({"algorithm": "euler"}, "algorithm = 'euler' is unknown; choose one of jacobi"),
+        ({"loops": "solved"}, "loops = 'solved' is unknown; choose one of solve, explicit"),
+        ({"step_control": "power"}, "step_control = 'power' is unknown"),
+        ({"fmu_log": "none"}, "fmu_log = 'none' is unknown"),
+        ({"longest_step_s": 0.1}, "longest step 0.1 has no effect without a tolerance"),
         ({"inputs": {}}, "inputs is not for environments"),
     ],
 )
@@ -146,19 +158,37 @@ def test_what_does_not_fit_is_refused(masses, options, said):
         make(masses, **options)
 
 
+def test_what_is_done_to_an_observation_does_not_change_rewards(masses):
+    env = make(masses, reward=lambda before, action, after: float(before[2] - after[2]))
+    twin = make(masses, reward=lambda before, action, after: float(before[2] - after[2]))
+    env.reset()[0][:] = 9.0
+    twin.reset()
+    for _ in range(2):
+        seen, reward, *_ = env.step([1.0])
+        assert reward == twin.step([1.0])[1]
+        seen[:] = 9.0
+
+
+def test_environments_and_threads_are_counted_from_1(masses):
+    for options in ({"threads": 0}, {"threads": "2"}, {"num_envs": 2.5}, {"num_envs": 0}):
+        with pytest.raises(mr.UserError, match=f"{next(iter(options))} = "):
+            SystemVectorEnv(**{"num_envs": 2, "system": masses, **options})
+
+
 def test_unusable_actions_are_refused(masses):
     env = make(masses)
     env.reset()
-    for action in (None, [np.nan], [1.0, 2.0], "x", [[1.0]]):
+    for action in (None, [np.nan], [1.0, 2.0], "x", [[1.0]], [[1.0], [1.0, 2.0]]):
         with pytest.raises(GraphError, match="give 1 finite numbers"):
             env.step(action)
     with pytest.raises(GraphError, match="reset has no option mu"):
         env.reset(options={"mu": 1.0})
     rows = make(masses, SystemVectorEnv, 2)
     rows.reset(seed=np.int64(0))
-    for action in ([[1.0]], [[1.0]] * 3, 1.0):
+    for action in ([[1.0]], [[1.0]] * 3, 1.0, [[1.0], [1.0, 2.0]], [[1.0], [np.nan]]):
         with pytest.raises(GraphError, match="give a row to each of 2 instances"):
             rows.step(action)
+    assert [env._steps for env in rows.envs] == [0, 0]
     with pytest.raises(GraphError, match="3 seeds: give one to each of 2 instances"):
         rows.reset(seed=[1, 2, 3])
     rows.close()

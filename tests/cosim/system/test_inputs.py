@@ -14,6 +14,7 @@ from cosim.system.inputs import read_inputs
 from cosim.system.ssp.reader import read_system
 from cosim.system.system import System
 from minirobots.runner import run_named
+from tests.cosim.system.test_refusals import changed
 
 SSD = """<?xml version="1.0"?>
 <SystemStructureDescription version="1.0" name="one"><System name="one">
@@ -101,6 +102,34 @@ def test_tables_have_units_and_connectors_of_the_system(small, tmp_path):
         with pytest.raises(GraphError) as caught:
             read_inputs(table, fmus, found.entries)
         assert words in str(caught.value)
+
+
+def test_units_of_columns_are_converted_to_those_of_connectors_or_refused(small, tmp_path):
+    (tmp_path / "a.fmu").write_bytes(small("oscillator").path.read_bytes())
+    said = SSD.replace('name="one"><S', 'name="one" xmlns:c="SystemStructureCommon"><S')
+    said = said.replace('kind="input"/>', 'kind="input"><c:Real unit="mm"/></Connector>')
+    mm = '<Units><c:Unit name="mm"><c:BaseUnit m="1" factor="0.001"/></c:Unit></Units>'
+    said = said.replace("</System>", f"</System>{mm}")
+    (tmp_path / "one.ssd").write_text(SSD)
+    (tmp_path / "in_mm.ssd").write_text(said)
+    table = tmp_path / "table.csv"
+    table.write_text("time,place [m]\n0,0.5\n")
+    plain, in_mm = (read_system(tmp_path / f"{name}.ssd") for name in ("one", "in_mm"))
+    fmus = load_fmus(in_mm.components)
+    read = read_inputs(table, fmus, in_mm.entries, in_mm.units)["a.x_in"][1]
+    table.write_text("time,place\n0,500\n")
+    assert read == pytest.approx(read_inputs(table, fmus, in_mm.entries, in_mm.units)["a.x_in"][1])
+    table.write_text("time,place [m]\n0,0.5\n")
+    with pytest.raises(GraphError, match=r"column place \[m\]: place has no unit; leave it out"):
+        read_inputs(table, fmus, plain.entries, plain.units)
+
+
+def test_a_name_may_end_in_brackets(small, tmp_path):
+    path = changed(small("oscillator"), tmp_path, 'name="x_in"', 'name="x_in[1]"')
+    fmus = load_fmus([Component("a", path)])
+    for header, value in (("a.x_in[1]", 5.0), ("a.x_in[1] [mm]", 5e-3)):
+        (tmp_path / "table.csv").write_text(f"time,{header}\n0,5\n")
+        assert read_inputs(tmp_path / "table.csv", fmus, [])["a.x_in[1]"][1] == [value]
 
 
 def test_command_reads_a_table_and_writes_a_recording(small, tmp_path, monkeypatch, capsys):
