@@ -377,6 +377,8 @@ def evaluate(
     """
     if taken("starts", starts, int) < 1:
         raise ConfigError(f"starts = {starts} must be at least 1")
+    if "episodes" in options:
+        raise ConfigError("evaluate has no option episodes; give starts, an episode each")
     varying = [name for name, value in options.items() if isinstance(value, list | np.ndarray)]
     if varying or isinstance(policy, list | Mapping) or isinstance(scenario, list | tuple):
         raise ConfigError("evaluate takes one value of each option; study takes several")

@@ -1,5 +1,6 @@
 """Studies of a user's own: axes, policies of any kind, files, resuming, and what is refused."""
 
+import importlib
 import json
 import sys
 from typing import Any
@@ -13,6 +14,7 @@ from agent.study.policies import ObjectPolicy, policy_of
 from agent.study.store import EpisodeStore
 from agent.study.user import StudyTable, evaluate, read_study, study
 from cosim.base.errors import UserError
+from cosim.base.provenance import identity_of
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import World
 from tests.agent.conftest import NEAR
@@ -95,6 +97,23 @@ def test_the_identity_of_an_object_is_its_code_and_its_state():
 
     assert ObjectPolicy(Stubborn(), NEAR).recognizable
     assert not ObjectPolicy(Local(), NEAR).recognizable
+
+
+def test_the_identity_of_an_object_is_that_of_its_bases_and_parts(tmp_path, monkeypatch):
+    above = tmp_path / "above.py"
+    above.write_text("class Above:\n    way = 2\n")
+    (tmp_path / "own.py").write_text(
+        "import above\n\nclass Of(above.Above):\n    pass\n\n"
+        "class Has:\n    def __init__(self):\n        self.part = above.Above()\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    own = importlib.import_module("own")
+    before = [identity_of(own.Of()), identity_of(own.Has())]
+    assert before == [identity_of(own.Of()), identity_of(own.Has())]
+    above.write_text("class Above:\n    way = 6\n")
+    after = identity_of(own.Of()), identity_of(own.Has())
+    assert None not in before
+    assert all(now not in (None, then) for now, then in zip(after, before, strict=True))
 
 
 def test_an_object_acts_where_no_table_would_have_room():
@@ -196,6 +215,8 @@ def test_evaluate_takes_one_value_of_each_and_starts_that_exist(monkeypatch):
     for starts in wrong:
         with pytest.raises(UserError, match="starts = "):
             evaluate(Stubborn(), NEAR, starts=starts)
+    with pytest.raises(UserError, match="evaluate has no option episodes; give starts"):
+        evaluate(Stubborn(), NEAR, episodes=3)
     for mu in ([0.1, 0.2], np.array([0.1, 0.2])):
         with pytest.raises(UserError, match="evaluate takes one value"):
             evaluate(Stubborn(), NEAR, mu=mu)
