@@ -84,6 +84,8 @@ def certify(
         raise ConfigError(
             f"confidence = {confidence} must be at least {LEAST_CONFIDENCE} and less than 1"
         )
+    if episodes is not None and taken("episodes", episodes, int) < 1:
+        raise ConfigError(f"episodes = {episodes} must be at least 1")
     report, physics = progress or silent, options_of("certify", options)
     where = Workers(jobs=jobs, backend=backend, address=address)
     case = case_of(policy, physics, taken_seed(seed), scenario, world=world, progress=report)
@@ -97,7 +99,7 @@ def certify(
         parsed,
         confidence,
         Path(out),
-        episodes=taken("episodes", episodes, int | None),
+        episodes=episodes,
         budget_minutes=budget_minutes,
         supersede=supersede,
         where=where,

@@ -48,6 +48,11 @@ def run(options: Web, progress: Progress) -> Iterator[Any]:
     policy = load_page_policy(options.policy, scenario)
     require_playable(scenario, options.physics.config(world))  # before anything is measured
     files = [ROUGH if name == "rough" else Path(name) for name in options.worlds]
+    if len({"own", *(file.stem for file in files)}) <= len(files):
+        raise ConfigError(
+            f"--worlds {' '.join(options.worlds)}: two have one name, or one is called own, as the "
+            "page's first world is; rename a file"
+        )
     for file in files:
         other, world = find_in_world(options.scenario, file)
         require_playable(other, options.physics.config(world))

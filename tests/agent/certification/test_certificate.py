@@ -483,6 +483,12 @@ def test_options_that_cannot_be_are_refused(options, message, tmp_path):
         Certify(**policy, **options)
 
 
+def test_a_claim_needs_an_episode(tmp_path):
+    with pytest.raises(UserError, match="episodes = 0 must be at least 1"):
+        certifying.certify("shortest", "success > 0.5", "1a", episodes=0, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_robots_that_push_each_other_on_have_no_collisions(near_file, tmp_path, command):
     options = ("--policy", near_file, "--on-collision", "continue", "--out", tmp_path / "out")
     for work in (("--claim", "collision < 0.5"), ("--splitting",)):

@@ -234,6 +234,8 @@ def test_command_writes_a_page_or_refuses(command, tmp_path):
         (["--scenario", "2"], "scenario 1a"),
         (["--scenario", "1a", "--reaction"], "--reaction"),
         (["--scenario", "1a", "--worlds", "rogh"], "rogh"),
+        (["--scenario", "1a", "--worlds", "rough", "rough"], "two have one name"),
+        (["--scenario", "1a", "--worlds", "own.toml"], "two have one name, or one is called own"),
         (["--scenario", "1a", "--motor-fmu", __file__], "--motor-fmu"),
         (["--scenario", "1a", "--motor-parameter", "J=5e-9"], "--motor-parameter"),
         (["--scenario", "1a", "--policy", __file__], "policy"),
