@@ -1,6 +1,6 @@
 """Arguments of the Python API, converted to the types that records declare, or refused by name."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import cache
 from pathlib import Path, PurePath
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -75,6 +75,16 @@ def require_one_of(name: str, value: str, known: Collection[str]) -> None:
     """
     if value not in known:
         raise ConfigError(unknown(name, value, known))
+
+
+def named_once(name: str, pairs: Iterable[tuple[str, float]]) -> dict[str, float]:
+    """Return pairs of names and numbers as a dict; raises ConfigError if a name is there twice."""
+    found: dict[str, float] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ConfigError(f"{name} gives {key} twice; leave one out")
+        found[key] = value
+    return found
 
 
 def unknown(name: str, value: Any, known: Collection[str]) -> str:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple
 
 import tyro
 
-from cosim.base.arguments import ConfigError, take_fields
+from cosim.base.arguments import ConfigError, named_once, take_fields
 from cosim.base.command import MotorFmuFile, MotorParameters
 from cosim.base.progress import Progress, silent, under_way
 from cosim.model.config import GIVEN, MAX_VALUE, CoSimConfig, Loop, OnCollision, Order
@@ -75,7 +75,8 @@ class Physics:
                 raise ConfigError(
                     f"--{option} is given in addition to the world's {field}; leave one of them out"
                 )
-        preset, given = find_preset(self.preset), dict(self.motor_parameters)
+        preset = find_preset(self.preset)
+        given = named_once("motor_parameters", self.motor_parameters)
         known = {name: value for name, value in given.items() if name in MotorParams._fields}
         if known:
             sources = {**preset.sources, **dict.fromkeys(known, GIVEN)}

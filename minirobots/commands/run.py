@@ -112,6 +112,8 @@ class Run(NewFolder, Simulating):
             )
         if self.viewer != DEFAULT_VIEWER and not (self.live or self.spawn):
             raise ConfigError("--viewer has no effect without --live or --spawn; add one of them")
+        if self.record == "none" and self.signals:
+            raise ConfigError("--signals has no effect where nothing is recorded; leave it out")
         if self.record == "none" and (self.live or self.spawn):
             raise ConfigError("--live and --spawn show what is recorded; choose another --record")
 

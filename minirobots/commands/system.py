@@ -101,6 +101,7 @@ def run(options: SimulateSystem, progress: Progress) -> Iterator[Any]:
 
     With --profile also what every FMU took.
     """
+    from cosim.base.arguments import named_once
     from cosim.base.command import show_table
     from cosim.system.graph import load_fmus
     from cosim.system.inputs import read_inputs
@@ -135,7 +136,7 @@ def run(options: SimulateSystem, progress: Progress) -> Iterator[Any]:
         inputs=inputs,
         fmu_log=options.fmu_log,
         solver_tolerance=options.solver_tolerance,
-        component_steps=dict(options.component_step),
+        component_steps=named_once("component_step", options.component_step),
         power_bonds=[bond.split("=", 1) for bond in options.power_bond],
         step_control=options.step_control,
     )

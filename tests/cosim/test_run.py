@@ -156,6 +156,7 @@ def test_trained_policy_is_found_again(runs):
         (["--out", "/proc/none"], "/proc/none"),
         (["--policy", "nowhere.npz"], "nowhere.npz"),
         (["--no-record", "--record", "full"], "--no-record contradicts --record full"),
+        (["--no-record", "--signals", "1"], "--signals has no effect where nothing is recorded"),
     ],
 )
 def test_bad_input_gets_one_sentence(run, arguments, sentence):

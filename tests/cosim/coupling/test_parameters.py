@@ -14,7 +14,7 @@ from cosim.model.scenario import Scenario
 from cosim.model.world import World
 from cosim.simulation.batch import DRIVERS
 from cosim.simulation.cosimulation import CoSimulation
-from cosim.simulation.options import SimulationOptions
+from cosim.simulation.options import Physics, SimulationOptions
 from fmus import build
 from fmus.build import build_fmu, is_built_in
 from fmus.variables import load_table
@@ -115,6 +115,17 @@ def test_what_an_fmu_does_not_expose_is_unknown(without):
         with_motor(CoSimConfig(open_loop=("motors",)), without("K_T"))
     with pytest.raises(FmuError, match="has no parameter 'K_T'"):
         with_motor(replace(CoSimConfig(), motor_parameters=(("K_T", 1e-4),)), without("K_T"))
+
+
+def test_what_is_set_in_every_control_period_is_no_parameter(heavy_fmu):
+    config = replace(CoSimConfig(), motor_parameters=(("omega_des", 3.0),))
+    with pytest.raises(FmuError, match="'omega_des' is set in every control period"):
+        with_motor(config, heavy_fmu)
+
+
+def test_a_parameter_is_given_once():
+    with pytest.raises(ConfigError, match="motor_parameters gives J twice; leave one out"):
+        Physics(motor_parameters=(("J", 5e-9), ("J", 6e-9))).config()
 
 
 def test_an_impossible_parameter_names_the_fmu(heavy_fmu):
