@@ -48,7 +48,13 @@ class _Clock:
         self.reference = int(element.get("valueReference", ""))
         self._periodic = self.kind in ("constant", "fixed", "tunable")
         self._form = "Fraction" if element.get("supportsFraction") in ("true", "1") else "Decimal"
-        self._declared = {what: _declared(element, what) for what in ("interval", "shift")}
+        try:
+            self._declared = {what: _declared(element, what) for what in ("interval", "shift")}
+        except (ValueError, ZeroDivisionError) as error:
+            raise GraphError(
+                f"component {instance.name}: clock '{self.name}' ({self.kind}) declares an "
+                f"interval or a shift that is no number ({error}); export it with finite ones"
+            ) from error
         self.asked = self._declared["interval"] is None and self.kind not in ("constant", "fixed")
         self.interval: Fraction = Fraction(0)
         self.next: Fraction | float = math.inf
