@@ -141,6 +141,13 @@ def run(options: Run, progress: Progress) -> Iterator[Any]:
     from cosim.simulation.batch import chosen_driver
     from cosim.simulation.tasks import compile_kernels
 
+    out = options.folder
+    written = 0 if options.record == "none" else options.episodes
+    if more := sorted((out / "episodes").glob("ep_*.rrd"))[written:]:
+        raise ConfigError(
+            f"{more[0]} is of a run of other episodes, and would stay next to the new summary; "
+            "choose another --out, or remove it"
+        )
     scenario, config, fmu = resolve(options.physics, options.scenario, progress)
     viewer = None
     if options.spawn:
@@ -148,7 +155,6 @@ def run(options: Run, progress: Progress) -> Iterator[Any]:
     elif options.live:
         viewer = find_viewer(options.viewer)
     config = with_bursts(config, options.record)
-    out = options.folder
     out.mkdir(parents=True, exist_ok=True)
     driver, threads = chosen_driver(options.driver, fmu, config), workers(options.jobs)
     try:

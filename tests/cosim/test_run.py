@@ -243,6 +243,17 @@ def test_the_compiled_driver_records_the_signals_of_fmpy(run, runs, tmp_path):
         np.testing.assert_array_equal(values.values, theirs.signals[name].values, name)
 
 
+def test_recordings_of_other_runs_do_not_stay_next_to_a_summary(run, tmp_path):
+    (tmp_path / "episodes").mkdir()
+    for number in range(2):
+        (tmp_path / "episodes" / f"ep_{number:03d}.rrd").touch()
+    for arguments, first in ((("--episodes", 1), "ep_001.rrd"), (("--no-record",), "ep_000.rrd")):
+        done = run("--out", tmp_path, *arguments)
+        assert done.returncode == 2
+        assert f"{first} is of a run of other episodes" in done.stderr
+    assert len([*tmp_path.rglob("*")]) == 3
+
+
 @pytest.mark.long
 def test_interrupt_keeps_the_recording(tmp_path, runs):
     out = tmp_path / "interrupted"
