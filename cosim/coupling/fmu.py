@@ -137,14 +137,10 @@ class MotorFmu(Fmu):
 
         Raises:
             FmuError: there is none of that name, it is no Float64 of the motors' size in the usual
-                unit, an input that is set in every control period, or fixed and to be set in a run.
+                unit, or it is fixed and to be set in a run.
         """
         if name not in self.variables:
             raise FmuError(f"motor FMU {self.path} has no parameter '{name}'; export it with one")
-        if name in (*INPUTS, *OPEN_INPUTS):
-            raise FmuError(
-                f"motor FMU {self.path}: '{name}' is set in every control period; name a parameter"
-            )
         if tunable and self.variables[name].variability == "fixed":
             raise FmuError(
                 f"motor FMU {self.path} has '{name}' as fixed; export it as tunable, or let all "

@@ -58,7 +58,7 @@ def run(options: Baselines, progress: Progress) -> Iterator[Any]:
     from cosim.base.table import show
 
     arguments = options.arguments(
-        "quick",
+        scenarios=options.scenarios or _SCENARIOS[: 2 if options.quick else None],
         seeds=options.seeds or (1 if options.quick else 5),
         episodes=options.episodes or (2 if options.quick else 8),
     )
