@@ -11,7 +11,6 @@ import tyro
 from cosim.base.arguments import ConfigError, named_once, take_fields
 from cosim.base.command import MotorFmuFile, MotorParameters
 from cosim.base.progress import Progress, silent, under_way
-from cosim.coupling.interface import INPUTS, OPEN_INPUTS
 from cosim.model.config import GIVEN, MAX_VALUE, CoSimConfig, Loop, OnCollision, Order
 from cosim.model.params import SHIELD, STEERING, TIMING, MotorParams
 from cosim.model.preset import PAPER, Preset, find_preset
@@ -78,11 +77,14 @@ class Physics:
                 )
         preset = find_preset(self.preset)
         given = named_once("motor_parameters", self.motor_parameters)
-        if inputs := given.keys() & {*INPUTS, *OPEN_INPUTS}:
-            raise ConfigError(
-                f"motor_parameters names {min(inputs)}, which is set in every control period; name "
-                "a parameter"
-            )
+        if given:
+            from cosim.coupling.interface import INPUTS, OPEN_INPUTS  # noqa: PLC0415 - with fmpy
+
+            if inputs := given.keys() & {*INPUTS, *OPEN_INPUTS}:
+                raise ConfigError(
+                    f"motor_parameters names {min(inputs)}, which is set in every control period; "
+                    "name a parameter"
+                )
         known = {name: value for name, value in given.items() if name in MotorParams._fields}
         if known:
             sources = {**preset.sources, **dict.fromkeys(known, GIVEN)}

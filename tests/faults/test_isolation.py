@@ -176,9 +176,7 @@ def test_what_never_returns_is_ended(drive):
     ("fault", "limit_s", "words"),
     [
         ("crash", 300, "an FMU of one.ssp crashed (SIGSEGV) in what begins at"),
-        pytest.param(
-            *("hang", 10, "an FMU of one.ssp did not return from"), marks=pytest.mark.long
-        ),
+        pytest.param(*("hang", 4, "an FMU of one.ssp did not return from"), marks=pytest.mark.long),
     ],
 )
 def test_a_system_of_faulty_fmus_ends_in_a_sentence(fault, limit_s, words, faulty_fmu, tmp_path):
