@@ -47,8 +47,9 @@ def draw_success(
         _draw_panel(panel, rows, value, series, names)
         panel.set_title(name, loc="left")
         panel.set(ylim=(-4.0, 104.0), ylabel="success in %")
-        if number == 0:
-            panel.legend(fontsize=7)
+        if number == 0:  # below, where it covers nothing
+            legend = panel.get_legend_handles_labels()
+            figure.legend(*legend, loc="outside lower center", ncols=4, fontsize=7)
     figure.suptitle(title)
     return figure
 

@@ -25,7 +25,9 @@ def draw(rows: list[TransferRow]) -> Figure:
     coefficients = sorted({row.mu for row in rows})
     panels = {f"µ = {mu:g}": [row for row in rows if row.mu == mu] for mu in coefficients}
     figure = draw_success(panels, lambda row: row.scenario, series_of, columns=1)
+    lowest = 100.0 * min(row.success_low or 0.0 for row in rows)
     for axes in figure.axes:
+        axes.set_ylim(lowest - 3.0, 103.0)
         axes.axhline(99.0, color="black", linestyle=":", linewidth=0.8)
     figure.axes[-1].set_xlabel("scenario; dotted: 99 %")
     return figure

@@ -80,8 +80,8 @@ def test_files_say_what_the_table_says(table, out):
     assert set(episodes.outcome) > {"success"}
     assert parquet.read_table(out / "episodes.parquet").num_rows == 8
     assert (out / "study.png").stat().st_size > 5000
-    (panel,) = table.plot("noise").axes
-    assert [label.get_text() for label in panel.get_legend().get_texts()] == ["near", "stubborn"]
+    (legend,) = table.plot("noise").legends
+    assert [label.get_text() for label in legend.get_texts()] == ["near", "stubborn"]
     with pytest.raises(UserError, match=r"must end in one of \.json"):
         table.write(out / "study.xlsx")
     with pytest.raises(UserError, match=r"axis = 'mu' .*; .* noise"):
