@@ -144,9 +144,12 @@ def recording_cost(rounds: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "episode.rrd"
         overhead, processor = overheads("default", rounds, 60.0, path)
+        fmpy, fmpy_processor = overheads("default", rounds, 60.0, path, "fmpy")
         return {
             "recording_overhead": float(overhead),  # by the wall clock, where two cores are free
             "recording_overhead_processor": float(processor),
+            "recording_overhead_fmpy": float(fmpy),
+            "recording_overhead_processor_fmpy": float(fmpy_processor),
             "recording_megabytes": path.stat().st_size / 1e6,
         }
 

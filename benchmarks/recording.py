@@ -45,10 +45,10 @@ class Options(CommandOptions):
     """Whether to open recordings in the viewer; --no-viewer where there is no Vulkan."""
 
 
-def system_of(level: Level) -> CoSimulation:
+def system_of(level: Level, driver: str = "compiled") -> CoSimulation:
     """Two robots that drive north and south, with the bursts of a level."""
     timing = TIMING._replace(burst_s=DETAILS[level].burst_s, episode_limit_s=1e9)
-    system = CoSimulation(SCENARIO, cached_fmu(), CoSimConfig(timing=timing))
+    system = CoSimulation(SCENARIO, cached_fmu(), CoSimConfig(timing=timing), driver)
     system.compile()
     return system
 
@@ -76,7 +76,9 @@ def recorded(system: CoSimulation, path: Path, time_s: float, level: Level) -> N
         )
 
 
-def overheads(level: Level, rounds: int, round_s: float, path: Path) -> np.ndarray:
+def overheads(
+    level: Level, rounds: int, round_s: float, path: Path, driver: str = "compiled"
+) -> np.ndarray:
     """Additional wall-clock and processor time of recording, as shares.
 
     Every round has systems of its own: where their arrays lie in memory makes one up to a tenth
@@ -84,7 +86,8 @@ def overheads(level: Level, rounds: int, round_s: float, path: Path) -> np.ndarr
     """
     with_it, without = [], []
     for _ in range(rounds):  # in turn, so that both meet the same machine
-        system, unrecorded = system_of(level), system_of("summary")  # which has no bursts
+        system = system_of(level, driver)
+        unrecorded = system_of("summary", driver)  # which has no bursts
         without.append(times_s(partial(drive, unrecorded, round_s, lambda _: None)))
         with_it.append(times_s(partial(recorded, system, path, round_s, level)))
     return np.min(with_it, axis=0) / np.min(without, axis=0) - 1.0

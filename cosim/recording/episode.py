@@ -18,7 +18,6 @@ import rerun as rr
 from rerun.chunk import Chunk
 
 from cosim.coupling.rl_step import POSES_S, Decision, Step, sampled_of
-from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING, RobotParams
 from cosim.model.scenario import Scenario
@@ -40,11 +39,10 @@ from cosim.recording.series import (
     REWARD_PARTS,
     STILL_RUNNING,
     SignalSpec,
-    block_ends,
-    reduce,
     signals_of,
     write_styles,
 )
+from cosim.recording.stretch import Stretch
 
 _STRETCH_S = 20.0  # simulated time that is handed to the thread at once
 _STRETCH_ROBOT_S = 160.0  # of many robots less: a robot's samples of 20 s take 10 MB
@@ -63,19 +61,6 @@ class _Decided(NamedTuple):
     step: Step
     decision: Decision
     reward_parts: np.ndarray
-
-
-class _Joined:
-    """Samples of RL steps one after the other; a signal is joined when it is first asked for."""
-
-    def __init__(self, steps: Sequence[Step], rows: np.ndarray | slice = slice(None)) -> None:
-        self._steps, self._rows = steps, rows
-
-    def __getattr__(self, name: str) -> np.ndarray:
-        parts = [getattr(step.samples, name).swapaxes(0, 1) for step in self._steps]
-        joined = np.concatenate(parts, axis=1)  # a robot's rows are together, as Arrow wants them
-        setattr(self, name, joined.swapaxes(0, 1)[self._rows])
-        return getattr(self, name)
 
 
 class EpisodeRecorder:
@@ -260,18 +245,15 @@ class EpisodeRecorder:
             return
         self._file.check_space()
         steps = [decided.step for decided in stretch]
-        samples: Any = _Joined(steps)
-        dt, ticks = self._config.timing.dt_s, self._config.ticks_per_period
-        times = [s.first_tick + ticks * np.arange(1, len(s.samples.omega) + 1) for s in steps]
-        time_s = dt * np.concatenate(times)
+        sampled = Stretch(steps, self._config.timing)
         end_s = self._end_s(steps[-1])
         whole = self._live or end_s > self._next_flush_s - _ROUNDING_S
-        self._write_signals(steps, samples, time_s)
+        self._write_signals(sampled)
         if whole or end_s < _SHORT_S:
             self._file.send_rows(_MANY_ROWS)  # Rerun encodes them while the rest is made
         self._write_bursts([step for step in steps if self._burst_is_due(step)])
         for robot, (name, scene) in enumerate(zip(self._names, self._scenes, strict=True)):
-            scene.write(steps, samples, time_s)
+            scene.write(steps, sampled)
             self._write_decisions(stretch, name, robot)
             self._write_rewards(stretch, name, robot)
         if not self._all_sampled:
@@ -289,28 +271,22 @@ class EpisodeRecorder:
         if len(time_s):
             self._file.columns(entity, simulated(time_s, rl_step), scalars(values))
 
-    def _write_signals(self, steps: list[Step], samples: Samples, time_s: np.ndarray) -> None:
+    def _write_signals(self, sampled: Stretch) -> None:
         timing = self._config.timing
-        if not len(time_s):
+        if not len(sampled.time_s):
             return
-        times: dict[int, list[rr.TimeColumn]] = {}
-        last: dict[int, Any] = {}
         for signal in self._signals:
             rate_s = getattr(self._detail, f"{signal.rate}_s")
             every = periods(rate_s, timing.control_period_s, timing.rl_step_s)
-            if every not in times:
-                ends = block_ends(len(time_s), every)
-                times[every] = simulated(time_s[ends])
-                last[every] = samples if every == 1 else _Joined(steps, ends)
             if signal.reduced == "last":
-                values = signal.of(last[every])
+                values = signal.of(sampled.last(every))
             else:
-                values = reduce(signal.of(samples), every, signal.reduced)
+                values = sampled.reduced(signal.of, every, signal.reduced)
             if np.isnan(values[0]).any():  # what the motor FMU does not tell
                 continue
             for robot, name in enumerate(self._names):
                 rows = scalars(values[:, robot])
-                self._file.columns(f"/sim/{name}/{signal.path}", times[every], rows)
+                self._file.columns(f"/sim/{name}/{signal.path}", sampled.times(every), rows)
 
     def _write_swarm(self, steps: list[Step]) -> None:
         """Write the poses of all robots."""
@@ -339,12 +315,11 @@ class EpisodeRecorder:
     def _write_bursts(self, steps: list[Step]) -> None:
         if not steps:
             return
-        raw = RawSamples(*map(np.concatenate, zip(*(s.raw for s in steps), strict=True)))
         ticks = [s.first_tick + np.arange(1, len(s.raw.omega) + 1) for s in steps]
         times = simulated(self._config.timing.dt_s * np.concatenate(ticks))
         for path in self._detail.burst_signals:
             for robot, name in enumerate(self._names):
-                rows = scalars(getattr(raw, path)[:, robot])
+                rows = scalars(np.concatenate([getattr(s.raw, path)[:, robot] for s in steps]))
                 self._file.columns(f"/raw/{name}/{path}", times, rows)
 
     def _write_decisions(self, stretch: list[_Decided], name: str, robot: int) -> None:

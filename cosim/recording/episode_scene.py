@@ -7,7 +7,6 @@ import numpy as np
 import rerun as rr
 
 from cosim.coupling.rl_step import Step
-from cosim.coupling.signals import Samples
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
@@ -15,7 +14,7 @@ from cosim.physics.forces import motor_mounts
 from cosim.recording.file import Sink, simulated
 from cosim.recording.levels import Detail, periods
 from cosim.recording.scene import shaft_end_m
-from cosim.recording.series import block_ends, reduce
+from cosim.recording.stretch import Stretch
 
 TRAIL_PERIOD_S = 0.5
 LONGEST_TRAIL_S = 600.0  # every RL step records all of it
@@ -52,61 +51,55 @@ class EpisodeScene:
     ) -> None:
         self._file, self._name, self._robot = file, name, robot
         self._scenario, self._config, self._detail = scenario, config, detail
+        timing = config.timing
+        self._pose_periods = periods(detail.pose_s, timing.control_period_s, timing.rl_step_s)
         self._trail = np.zeros((0, 3))
         self._visited: dict[tuple[int, int], None] = {}  # in the order of the first visit
 
-    def write(self, steps: list[Step], samples: Samples, time_s: np.ndarray) -> None:
+    def write(self, steps: list[Step], sampled: Stretch) -> None:
         """Write consecutive RL steps.
 
         Args:
             steps: the steps.
-            samples: their samples, joined.
-            time_s: time of each control period.
+            sampled: their samples.
         """
-        if len(time_s):
-            self._write_body(samples, time_s)
-            self._write_masses(steps, samples, time_s)
+        if len(sampled.time_s):
+            self._write_body(sampled)
+            self._write_masses(sampled)
         self._write_track(steps)
         self._write_plan(steps)
 
-    def _write_body(self, samples: Samples, time_s: np.ndarray) -> None:
-        timing = self._config.timing
-        every = periods(self._detail.pose_s, timing.control_period_s, timing.rl_step_s)
-        rows = block_ends(len(time_s), every)
-        times, base = simulated(time_s[rows]), f"/world/{self._name}/robot"
+    def _write_body(self, sampled: Stretch) -> None:
+        every, base = self._pose_periods, f"/world/{self._name}/robot"
+        times, last = sampled.times(every), sampled.last(every)
         # Rerun wants (x, y, z, w).
-        quaternion = np.roll(samples.quaternion[rows, self._robot], -1, axis=1)
+        quaternion = np.roll(last.quaternion[:, self._robot], -1, axis=1)
         pose = rr.Transform3D.columns(
-            translation=samples.position[rows, self._robot], quaternion=quaternion
+            translation=last.position[:, self._robot], quaternion=quaternion
         )
         self._file.columns(base, times, pose)
-        normal = reduce(samples.normal_mean[:, self._robot], every, "max")
+        normal = sampled.reduced(lambda s: s.normal_mean[:, [self._robot]], every, "max")[:, 0]
         arrows = np.zeros((*normal.shape, 3))
         arrows[:, :, 2] = np.minimum(_METRES_PER_NEWTON * normal, _LONGEST_ARROW_M)
         forces = rr.Arrows3D.columns(vectors=arrows.reshape(-1, 3))
         forces = forces.partition([normal.shape[1]] * len(normal))
         self._file.columns(f"{base}/contact", times, forces)
 
-    def _write_masses(self, steps: list[Step], samples: Samples, time_s: np.ndarray) -> None:
+    def _write_masses(self, sampled: Stretch) -> None:
         """Eccentric masses with the poses, and at every control period of the bursts."""
-        timing = self._config.timing
-        every = periods(self._detail.pose_s, timing.control_period_s, timing.rl_step_s)
-        burst = round(self._detail.burst_s / timing.control_period_s)
-        lengths = np.array([len(step.samples.omega) for step in steps])
-        firsts = lengths.cumsum() - lengths
-        bursts = [f + np.arange(min(burst, n)) for f, n in zip(firsts, lengths, strict=True)]
-        rows = np.unique(np.concatenate([block_ends(len(time_s), every), *bursts]))
+        burst = round(self._detail.burst_s / self._config.timing.control_period_s)
+        rows = np.union1d(sampled.ends(self._pose_periods), sampled.bursts(burst))
+        theta = sampled.at(rows).theta[:, self._robot]
         mounts = motor_mounts(self._config.robot, self._config.motor)
         masses = np.empty((len(rows), len(mounts), 3))
         for motor, mount in enumerate(mounts):
-            theta = samples.theta[rows, self._robot, motor]
-            masses[:, motor, 0] = -mount.r * mount.sin_phi * np.sin(theta)
+            masses[:, motor, 0] = -mount.r * mount.sin_phi * np.sin(theta[:, motor])
             masses[:, motor, 1] = shaft_end_m(self._config.robot, mount.sin_phi)
-            masses[:, motor, 2] = mount.z - mount.r * np.cos(theta)
+            masses[:, motor, 2] = mount.z - mount.r * np.cos(theta[:, motor])
         points = rr.Points3D.columns(positions=masses.reshape(-1, 3))
         points = points.partition([len(mounts)] * len(rows))
         self._file.columns(
-            f"/world/{self._name}/robot/motors/masses", simulated(time_s[rows]), points
+            f"/world/{self._name}/robot/motors/masses", simulated(sampled.time_s[rows]), points
         )
 
     def _write_track(self, steps: list[Step]) -> None:

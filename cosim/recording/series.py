@@ -137,31 +137,6 @@ def signals_of(distances: bool, *, camera: bool, loop: bool) -> list[SignalSpec]
     ]
 
 
-def reduce(values: np.ndarray, every: int, how: str) -> np.ndarray:
-    """Rows over blocks of `every` periods, the last one possibly shorter: mean, max or last.
-
-    Args:
-        values: (n, ...) at every control period, n ≥ 1.
-        every: periods per block.
-        how: see `SignalSpec.reduced`.
-    """
-    if every == 1:
-        return values
-    if how == "last":
-        return values[block_ends(len(values), every)]
-    starts = np.arange(0, len(values), every)
-    values = np.ascontiguousarray(values)
-    if how == "max":
-        return np.maximum.reduceat(values, starts, axis=0)
-    counts = np.diff(np.append(starts, len(values))).astype(np.float64)
-    return np.add.reduceat(values, starts, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
-
-
-def block_ends(count: int, every: int) -> np.ndarray:
-    """Index of the last period of each block of `every` periods; none of no periods."""
-    return np.minimum(np.arange(every - 1, count + every - 1, every), count - 1)
-
-
 def write_styles(file: Sink, signals: Sequence[SignalSpec], robots: Sequence[int]) -> None:
     """Log names, units, colours and aggregation of every signal and state of some robots."""
     for robot, name in enumerate(robot_names(robots)):

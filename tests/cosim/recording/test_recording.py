@@ -14,7 +14,7 @@ from rerun.chunk import RrdReader
 
 from cosim.coupling.fmu import FmuError
 from cosim.coupling.rl_step import Decision
-from cosim.coupling.signals import RawSamples
+from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
@@ -29,7 +29,8 @@ from cosim.recording.policy_map import PolicyMap
 from cosim.recording.reader import read_episode
 from cosim.recording.rrd import read_rrd
 from cosim.recording.scene import ROBOT_COLOURS, ink_on, map_colours, robot_colour, shades
-from cosim.recording.series import OUTCOME, reduce
+from cosim.recording.series import OUTCOME
+from cosim.recording.stretch import Stretch
 from cosim.simulation.cosimulation import CoSimulation
 from cosim.simulation.options import DecisionOptions
 
@@ -206,11 +207,26 @@ def test_slipping_is_friction_at_its_limit(recorded):
     assert values.max() <= 1.0
 
 
-@pytest.mark.parametrize("how", ["mean", "max", "last"])
-def test_a_shorter_last_block_is_kept(how):
-    values = np.array([[3.0], [1.0], [2.0], [7.0], [5.0]])
-    expected = {"mean": [2.0, 6.0], "max": [3.0, 7.0], "last": [2.0, 5.0]}[how]
-    assert reduce(values, 3, how).ravel().tolist() == expected
+@pytest.mark.parametrize("lengths", [(1000, 1000), (1000, 77), (77, 1000), (5, 0)])
+def test_rows_cover_blocks_also_across_rl_steps(recorded, lengths):
+    steps, every = recorded[1], 25
+    cut = [
+        step._replace(samples=Samples(*(field[:length] for field in step.samples)))
+        for step, length in zip(steps, lengths, strict=True)
+    ]
+    voltage = np.concatenate([step.samples.voltage for step in cut])
+    blocks = np.split(voltage, np.arange(every, len(voltage), every))
+    stretch = Stretch(cut, TIMING)
+    for how, of_block in (("mean", np.mean), ("max", np.max)):
+        rows = stretch.reduced(lambda samples: samples.voltage, every, how)
+        assert rows == pytest.approx(np.array([of_block(block, axis=0) for block in blocks]))
+    assert np.array_equal(stretch.last(every).voltage, [block[-1] for block in blocks])
+    some = np.array([0, len(voltage) - 1])
+    assert np.array_equal(stretch.at(some).voltage, voltage[some])
+    first = np.concatenate(
+        [np.arange(min(9, n)) + begin for n, begin in zip(lengths, (0, lengths[0]), strict=True)]
+    )
+    assert np.array_equal(stretch.bursts(9), first)
 
 
 def test_bursts_hold_every_tick(recorded):
