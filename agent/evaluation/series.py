@@ -6,9 +6,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
+from msgspec import to_builtins
+from msgspec.structs import asdict
 
 from agent.mdp.greedy import GreedyPolicy
+from agent.policies import load_policy
+from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent
+from cosim.base.provenance import digest_of
+from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
 from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
@@ -19,6 +25,8 @@ from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.simulate import draw_episode
 from cosim.simulation.tasks import Task, simulate_tasks
+
+_SUMMARY = Kind("summary of a run", "choose another --out, or remove it", ConfigError)
 
 
 class RunFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -98,17 +106,33 @@ class Series:
             ended[number] = msgspec.structs.replace(result, recording=name)
             while len(results) in ended:
                 results.append(ended[len(results)])
-                self._write_summary(results)
+                write_json(self.out / "summary.json", self._summary(results))
                 yield results[-1]
+
+    def refuse_other_results(self) -> None:
+        """Refuse a folder with another run's results; those of this one are written again.
+
+        Raises:
+            ConfigError: there is another run; the message says how it differs.
+        """
+        path = self.out / "summary.json"
+        if not path.exists():
+            return
+        was, now = read_json(path, _SUMMARY, RunSummary), self._summary([])
+        both = [to_builtins(of.parameters | asdict(of)) for of in (was, now)]
+        same = {"parameters", "versions", "episodes"}
+        other = [f"{k} = {v}" for k, v in both[0].items() if k not in same and v != both[1].get(k)]
+        if digest_of(load_policy(self.out / "policy.npz").config) != digest_of(self.policy.config):
+            other.append("another policy")
+        if other:
+            raise ConfigError(f"{path} is of a run with {', '.join(other[:3])}; {_SUMMARY.fix}")
 
     def _recording(self, episode: int) -> Path:
         return self.out / "episodes" / f"ep_{episode:03d}.rrd"
 
-    def _write_summary(self, results: list[EpisodeResult]) -> None:
+    def _summary(self, results: list[EpisodeResult]) -> RunSummary:
         parameters = {name: row["value"] for name, row in self.config.table().items()}
-        facts = msgspec.structs.asdict(self.facts)
-        summary = RunSummary(**facts, parameters=parameters, episodes=tuple(results))
-        write_json(self.out / "summary.json", summary)
+        return RunSummary(**asdict(self.facts), parameters=parameters, episodes=tuple(results))
 
     def task(self, number: int) -> Task:
         """An episode of the series."""
@@ -127,7 +151,7 @@ class Series:
                 self.scenario,
                 self.config,
                 task.recording_id,
-                msgspec.structs.asdict(self.facts) | {"episode": number, "starts": starts},
+                asdict(self.facts) | {"episode": number, "starts": starts},
                 level=self.record,
                 viewer=self.viewer,
                 policies=self.policy.maps(),

@@ -166,9 +166,6 @@ def run(options: Run, progress: Progress) -> Iterator[Any]:
                 out.rmdir()
         raise
     facts = _facts(options, scenario, policy, fmu, driver)
-    policy.save(out / "policy.npz")
-    if options.record != "none" and log is not None:
-        write_training(out / "training.rrd", policy, log, asdict(facts))
     series = Series(
         scenario,
         fmu,
@@ -181,6 +178,10 @@ def run(options: Run, progress: Progress) -> Iterator[Any]:
         progress,
         sampled_of(scenario.robots, options.signals),
     )
+    series.refuse_other_results()
+    policy.save(out / "policy.npz")
+    if options.record != "none" and log is not None:
+        write_training(out / "training.rrd", policy, log, asdict(facts))
     with under_way(progress, "preparing the kernels"):
         compile_kernels(series.task(0), options.episodes, threads)
     results = list(series.run(options.episodes, threads))

@@ -2,6 +2,7 @@
 
 import functools
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -252,6 +253,28 @@ def test_recordings_of_other_runs_do_not_stay_next_to_a_summary(run, tmp_path):
         assert done.returncode == 2
         assert f"{first} is of a run of other episodes" in done.stderr
     assert len([*tmp_path.rglob("*")]) == 3
+
+
+def test_results_of_another_run_are_not_replaced(run, runs, tmp_path):
+    shutil.copytree(runs / "a", tmp_path / "a")
+    same = ("--out", tmp_path / "a", "--seed", 3, "--train-seed", 3, *BRIEF)
+    done = run(*same, "--episodes", 2)
+    assert done.returncode == 0, done.stderr
+    summary = summary_of(tmp_path / "a")
+    assert [len(summary["episodes"]), summary["episodes"][0]] == [
+        2,
+        *summary_of(runs / "a")["episodes"],
+    ]
+    for other, words in (
+        (("--seed", 4), "is of a run with seed = 3; choose another --out, or remove it"),
+        (("--train-seed", 4), "is of a run with train_seed = 3, another policy"),
+        (("--mu", 0.2), "is of a run with mu = 0.15"),
+    ):
+        done = run(*same, "--episodes", 2, *other)
+        assert (done.returncode, words in done.stderr) == (2, True), done.stderr
+    assert summary_of(tmp_path / "a") == summary
+    (tmp_path / "a" / "summary.json").write_text("{}")
+    assert "not a summary of a run or damaged" in run(*same, "--episodes", 2).stderr
 
 
 @pytest.mark.long
