@@ -78,9 +78,15 @@ def train(
     }
     board = find_scenario(scenario)
     with compiling_ahead(board.robots):  # most policies are simulated next
-        from agent.method import ON_MOVES, best_method, method_policy  # noqa: PLC0415
+        from agent.method import COMPUTED, ON_MOVES, best_method, method_policy  # noqa: PLC0415
 
-        method = method or best_method(board)
+        method = taken("method", method, str | None)
+        method, seed = best_method(board) if method is None else method, taken_seed(seed)
+        if seed and method in COMPUTED:
+            raise UserError(
+                f"seed = {seed} has no effect: method {method} is computed; leave it out, or "
+                "choose a method that learns, such as moves"
+            )
         for name, value in motors.items():
             if value and method not in ON_MOVES:
                 raise UserError(
@@ -89,7 +95,7 @@ def train(
         policy, *_ = method_policy(
             method,
             board,
-            taken_seed(seed),
+            seed,
             episodes=taken("episodes", episodes, int | None),
             **motors,
             again=taken("again", again, bool),

@@ -1,6 +1,8 @@
 """The Python API as a program meets it: train, keep, simulate, look back, refusals."""
 
+import copy
 import gc
+import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -255,6 +257,9 @@ def test_simulate_refuses_what_it_does_not_know(policy, arguments, error, messag
         ({"seed": "1"}, ConfigError, "seed = '1' is invalid: expected int"),
         ({"episodes": 0.5}, ConfigError, "episodes = 0.5 is invalid: expected int"),
         ({"again": "yes"}, ConfigError, "again = 'yes' is invalid: expected bool"),
+        ({"method": ["paper"]}, ConfigError, "method = .* is invalid: expected str"),
+        ({"method": "shortest", "seed": 5}, UserError, "seed = 5 has no effect: .* is computed"),
+        ({"progress": True}, UserError, "progress = True is no function"),
     ],
 )
 def test_train_refuses_what_it_does_not_know(arguments, error, message):
@@ -283,6 +288,26 @@ def test_values_as_programs_have_them_give_the_same_bits(policy):
     ]  # fmt: skip
     assert all(signals(episode) == signals(found[0]) for episode in found)
     assert found[0].parameter("mu") == 0.2
+
+
+def test_a_policy_may_return_a_list_where_signals_of_some_robots_are_kept():
+    class Listed:
+        def act(self, observation: cosim.Observation) -> list[int]:
+            return [2] * len(observation.cells)
+
+    brief: dict[str, Any] = {"signals": [2], "time_limit": 2.0}
+    found = [cosim.simulate("2", acting, **brief) for acting in (Listed(), Upwards())]  # pyright: ignore
+    assert signals(found[0]) == signals(found[1])
+
+
+def test_episodes_can_be_pickled_and_copied(policy, tmp_path):
+    episode = cosim.simulate("1a", policy, record="summary", time_limit=2.0)
+    copies = [pickle.loads(pickle.dumps(copy.deepcopy(episode)))]
+    copies[0].save(tmp_path / "copy.rrd")
+    copies.append(analysis.open(tmp_path / "copy.rrd"))
+    for other in copies:
+        assert signals(other) == signals(episode)
+        assert (other.recording_id, other.facts) == (episode.recording_id, episode.facts)
 
 
 def test_mistakes_are_value_errors_with_an_exported_base():

@@ -297,7 +297,7 @@ def _named(policies: Any) -> dict[str, Any]:
         ConfigError: two have one name.
     """
     if isinstance(policies, Mapping):
-        return dict(policies)
+        return {str(name): policy for name, policy in policies.items()}
     several = policies if isinstance(policies, list | tuple) else [policies]
     names = [name_of(policy) for policy in several]
     if len(set(names)) < len(names):

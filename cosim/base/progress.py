@@ -7,6 +7,8 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, ParamSpec, Protocol, TypeVar
 
+from cosim.base.errors import UserError
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -123,6 +125,8 @@ def showing(call: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
     @functools.wraps(call)
     def shown(*args: Parameters.args, **options: Parameters.kwargs) -> Result:
         progress = options.get("progress", automatic)
+        if progress is not None and not callable(progress):
+            raise UserError(f"progress = {progress!r} is no function; give one, or None for none")
         if progress is not automatic:
             options["progress"] = progress or silent
             return call(*args, **options)

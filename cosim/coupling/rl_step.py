@@ -47,7 +47,7 @@ class Decision(NamedTuple):
     def of(self, robots: Sequence[int]) -> "Decision":
         """The decision on some of the robots."""
         chosen, values = np.array(robots, dtype=int), self.values
-        return Decision(self.action[chosen], None if values is None else values[chosen])
+        return Decision(np.asarray(self.action)[chosen], None if values is None else values[chosen])
 
 
 class SupportsAct(Protocol):

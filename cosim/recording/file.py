@@ -144,11 +144,22 @@ class Kept(Sink):
     @cached_property
     def path(self) -> Path:
         """A file with it, written now, in a temporary folder that lives as long as this object."""
-        folder = temporary_folder()
-        weakref.finalize(self, folder.cleanup)
-        path = Path(folder.name) / "episode.rrd"
+        path = self._new_file()
         self.write(path)
         return path
+
+    def __getstate__(self) -> bytes:
+        return self.path.read_bytes()
+
+    def __setstate__(self, content: bytes) -> None:
+        self.chunks = []
+        self.path = self._new_file()
+        self.path.write_bytes(content)
+
+    def _new_file(self) -> Path:
+        folder = temporary_folder()
+        weakref.finalize(self, folder.cleanup)
+        return Path(folder.name) / "episode.rrd"
 
 
 class Recording(Sink):

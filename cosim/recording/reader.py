@@ -182,12 +182,12 @@ class Episode:
         path = named(path, ".rrd")
         if path.exists():
             raise StorageError(f"{path}: it exists; move it away or choose another name")
-        if isinstance(self.recording, Kept):
+        if isinstance(self.recording, Kept) and self.recording.chunks:  # not unpickled
             self.recording.write(path)
             return
-        require_file(self.recording, EPISODE)
+        require_file(self.path, EPISODE)
         with replacing(path) as temporary:
-            shutil.copyfile(self.recording, temporary)
+            shutil.copyfile(self.path, temporary)
 
 
 def read_episode(recording: Path | Kept) -> Episode:

@@ -88,6 +88,12 @@ def test_files_say_what_the_table_says(table, out):
         table.plot("mu")
 
 
+def test_names_of_policies_may_be_numbers(tmp_path):
+    table = study({2: Stubborn()}, NEAR, episodes=1, time_limit=LIMIT_S, out=tmp_path)
+    assert [row.policy for row in table.rows] == ["2"]
+    assert (tmp_path / "study.json").exists()
+
+
 def test_the_identity_of_an_object_is_its_code_and_its_state():
     one, same, other = (ObjectPolicy(Stubborn(k), NEAR).digest() for k in (0, 0, 2))
     assert one == same != other
