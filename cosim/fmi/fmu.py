@@ -104,7 +104,7 @@ class Fmu:
         self.path = path
         self.oddities: list[str] = []
         if not path.is_file():
-            raise FmuError(f"{self.noun} {path} does not exist; {self.place}")
+            raise FmuError(f"{self.noun} {path} does not exist or is a folder; {self.place}")
         refuse_pointer(path, FmuError)
         needed = (*(f"binaries/{name}/" for name in _FOLDERS), "resources/")
         try:

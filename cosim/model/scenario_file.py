@@ -110,8 +110,9 @@ def read_world(path: Path) -> World:
     Raises:
         WorldError: the file is missing, no TOML, or a field is wrong; the message names it.
     """
+    content = read_toml(path, _WORLD_FILE)
     try:
-        return msgspec.convert(read_toml(path, _WORLD_FILE), _WorldFile).world
+        return msgspec.convert(content, _WorldFile).world
     except msgspec.ValidationError as error:
         raise WorldError(f"{path}: {_field_message(str(error))}") from error
     except WorldError as error:

@@ -93,14 +93,19 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
         if isinstance(system, str | Path):
             components, connections, entries, began_s, stop_s, _ = read_system(Path(system))
             start_s = began_s or 0.0
-        else:
+        elif isinstance(system, list | tuple) and len(system) == 2:
             components, connections = system
+        else:
+            raise GraphError(
+                f"system = {shown(system)}: give a file (.ssp, .ssd), or components and connections"
+            )
         require_positive("step", step)
         require_positive("step_s", step_s)
         self._ticks = whole_ratio("step", step, "step_s", step_s)
         self._fmus = load_fmus(components)
         self._components = list(components)
-        self._parameters = {n: _checked_bounds(n, ends) for n, ends in parameters.items()}
+        drawn = taken("parameters", parameters, dict[str, Any], GraphError)
+        self._parameters = {n: _checked_bounds(n, ends) for n, ends in drawn.items()}
         for name in ("inputs", "record", "start_s", "stop_s"):
             if name in options:
                 raise GraphError(f"{name} is not for environments; leave it out")
@@ -176,7 +181,7 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
             FmuError: an FMU fails at the start.
         """
         super().reset(seed=seed)
-        given = dict(options or {})
+        given = taken("options", options or {}, dict[str, Any], GraphError)
         drawn = {
             name: float(self.np_random.uniform(low, high))
             for name, (low, high) in self._parameters.items()
@@ -224,11 +229,13 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
             raise
         before, self._observation = self._observation, self._observed()
         self._steps += 1
-        reward = float(self._reward(before, cut, self._observation))
+        rewarded = self._reward(before, cut, self._observation)
+        if (reward := numbers(rewarded, (), "fiub")) is None:
+            raise GraphError(f"reward = {shown(rewarded)}: return a finite number")
         ended = not going_on or bool(self._terminated(self._observation))
         late = not ended and self._steps >= self._limit
         self._running = not (ended or late)
-        return self._observation.copy(), reward, ended, late, {"time_s": self._system.time_s}
+        return self._observation.copy(), float(reward), ended, late, {"time_s": self._system.time_s}
 
     def close(self) -> None:
         """Free the FMUs; `reset` makes them again."""

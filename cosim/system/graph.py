@@ -14,7 +14,8 @@ from fmpy.model_description import ModelVariable
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from cosim.base.errors import UserError
+from cosim.base.arguments import taken
+from cosim.base.errors import UserError, shown
 from cosim.fmi.fmu import Fmu, FmuError
 from cosim.fmi.units import UnitUse, conversion, unit_use
 
@@ -78,6 +79,11 @@ class Link(NamedTuple):
     target_index: tuple[int, ...] = ()
 
 
+def _require_each(name: str, given: Any, kind: type) -> None:
+    if not (isinstance(given, list | tuple) and all(isinstance(part, kind) for part in given)):
+        raise GraphError(f"{name} = {shown(given)}: give a list of {kind.__name__}")
+
+
 def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
     """The FMU of each component by its name; one that several have is read once.
 
@@ -86,13 +92,15 @@ def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
             clock that ticks in time, and no Event Mode.
         FmuError: an FMU cannot be used.
     """
+    _require_each("components", components, Component)
     if not components:
         raise GraphError("the system has no component; give it one")
     files: dict[Path | Fmu, Fmu] = {}
     found: dict[str, Fmu] = {}
     owners: dict[object, str] = {}  # of binaries, by content and by instantiation token
     for name, given, _ in components:
-        path = given.path if isinstance(given, Fmu) else given
+        at = given.path if isinstance(given, Fmu) else given
+        path = taken(f"component {name}: fmu", at, Path, GraphError)
         if name in found:
             raise GraphError(f"two components are named {name}; rename one")
         try:
@@ -169,8 +177,9 @@ def check_connections(fmus: Mapping[str, Fmu], connections: Iterable[Connection]
         GraphError: one has an unknown end, goes from or to what is no output or input, joins types
             or units that do not match, or sets an input that another one sets.
     """
+    _require_each("connections", connections, Connection)
     links: list[Link] = []
-    taken: dict[tuple[str, int, str], set[tuple[int, ...]]] = {}  # indices of inputs
+    set_before: dict[tuple[str, int, str], set[tuple[int, ...]]] = {}  # indices of inputs
     for connection in connections:
         source, target = find(fmus, connection.source), find(fmus, connection.target)
         said = f"connection {connection.source} -> {connection.target}"
@@ -183,7 +192,7 @@ def check_connections(fmus: Mapping[str, Fmu], connections: Iterable[Connection]
         if to.type == "String" and connection.target_index:
             raise GraphError(f"{said}: elements of arrays of texts are not set; connect the array")
         # An alias has the value reference of its variable, in FMI 2.0 in one type.
-        indices = taken.setdefault((target[0], to.valueReference, str(to.type)), set())
+        indices = set_before.setdefault((target[0], to.valueReference, str(to.type)), set())
         if indices & {(), connection.target_index} or (indices and not connection.target_index):
             raise GraphError(f"{said}: another connection sets this input; remove one")
         indices.add(connection.target_index)

@@ -151,11 +151,35 @@ def test_what_fails_ends_an_episode_and_the_next_one_is_whole(small):
         ({"fmu_log": "none"}, "fmu_log = 'none' is unknown"),
         ({"longest_step_s": 0.1}, "longest step 0.1 has no effect without a tolerance"),
         ({"inputs": {}}, "inputs is not for environments"),
+        ({"parameters": ["first.m"]}, r"parameters = \['first.m'\] is invalid: expected object"),
     ],
 )
 def test_what_does_not_fit_is_refused(masses, options, said):
     with pytest.raises(mr.UserError, match=said):
         make(masses, **options)
+
+
+def test_what_is_no_system_and_no_option_of_a_reset_is_named(masses):
+    components, connections = masses
+    for system, said in (
+        (None, "system = None: give a file"),
+        ((components[0], []), r"components = .* give a list of Component"),
+        ((components, ["first.x"]), r"connections = \['first.x'\]: give a list of Connection"),
+        (([components[0]._replace(fmu=5)], []), "component first: fmu = 5 is invalid"),
+    ):
+        with pytest.raises(mr.UserError, match=said):
+            make(system)
+    text = [part._replace(fmu=str(getattr(part.fmu, "path", part.fmu))) for part in components]
+    env = make((text, connections), reward=lambda before, action, after: None)
+    for options, said in (
+        (["a"], "options = .* is invalid: expected object"),
+        ({1: 2}, "options = .* is invalid: expected str"),
+    ):
+        with pytest.raises(mr.UserError, match=said):
+            env.reset(options=options)
+    env.reset()
+    with pytest.raises(mr.UserError, match="reward = None: return a finite number"):
+        env.step([1.0])
 
 
 def test_what_is_done_to_an_observation_does_not_change_rewards(masses):
