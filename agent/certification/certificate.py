@@ -126,7 +126,7 @@ class Certificate(msgspec.Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if not LEAST_CONFIDENCE <= self.confidence < 1.0 or self.case.seed < 0:
-            raise ValueError("its confidence or its seed cannot be")
+            raise ValueError("its confidence or its seed is invalid")
 
 
 def read_certificate(path: Path) -> Certificate:

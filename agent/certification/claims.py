@@ -39,7 +39,7 @@ def parse_claim(text: str) -> Claim:
     match = _FORM.fullmatch(text)
     if match is None or match[1] not in RATES:
         raise UserError(
-            f"claim {text!r} is none; write RATE < p or RATE > p with a rate of "
+            f"claim {text!r} is invalid; write RATE < p or RATE > p with a rate of "
             f"{', '.join(RATES)}, such as 'collision < 1e-3'"
         )
     name, relation, number = match.groups()

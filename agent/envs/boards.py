@@ -217,14 +217,14 @@ class DirectionBoards(EnvBoards):
         rows = numbers(actions, (boards * robots,), "iu")
         if rows is None:
             raise ActionError(
-                f"actions = {shown(actions)} are no directions; choose one whole number from 0 to "
+                f"actions = {shown(actions)} are not directions; choose one whole number from 0 to "
                 f"{DIRECTION_COUNT - 1} for each of the {boards * robots} robots"
             )
         if rows.min() < 0 or rows.max() >= DIRECTION_COUNT:
             row = int(np.flatnonzero((rows < 0) | (rows >= DIRECTION_COUNT))[0])
             where = f" on board {row // robots}" if boards > 1 else ""
             raise ActionError(
-                f"action {rows[row]} of robot_{row % robots + 1}{where} is no direction; choose "
+                f"action {rows[row]} of robot_{row % robots + 1}{where} is not a direction; choose "
                 f"one from 0 to {DIRECTION_COUNT - 1}"
             )
         return rows.reshape(self.shape)
@@ -483,7 +483,7 @@ def whole_cells(name: str, cells: Any, shape: tuple[int, ...]) -> np.ndarray:
     found = numbers(cells, shape, "iu")
     if found is None:
         raise StartsError(
-            f"{name} = {shown(cells)} are no cells; give whole numbers [x, y] of shape {shape}"
+            f"{name} = {shown(cells)} are not cells; give whole numbers [x, y] of shape {shape}"
         )
     return found
 

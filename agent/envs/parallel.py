@@ -87,7 +87,7 @@ class AgentsView(View):
         for agent in actions:
             if agent not in self.possible_agents:
                 known = ", ".join(self.possible_agents)
-                raise ActionError(f"{agent} is no agent; choose from {known}")
+                raise ActionError(f"{agent} is not an agent; choose from {known}")
         active = self._boards.arrays.active
         joint = np.zeros(active.shape, dtype=np.int64)
         for i, agent in enumerate(self.possible_agents):
@@ -99,7 +99,7 @@ class AgentsView(View):
             if chosen is None:
                 each = f" for each of the {len(active)} boards" if self._shape else ""
                 raise ActionError(
-                    f"action {shown(actions[agent])} of {agent} is no direction; choose a whole "
+                    f"action {shown(actions[agent])} of {agent} is not a direction; choose a whole "
                     f"number from 0 to {DIRECTION_COUNT - 1}{each}"
                 )
             joint[:, i] = chosen

@@ -48,8 +48,8 @@ class Restorable:
         self._require_open()
         if not isinstance(state, dict) or set(state) != set(self._mutable):
             raise StateError(
-                f"{shown(state)} is no state of this kind of environment; give what get_state() of "
-                "one that was made with the same arguments has returned"
+                f"{shown(state)} is not a state of this kind of environment; give the result "
+                "of get_state() of one that was made with the same arguments"
             )
         for name, saved in state.items():
             mine = getattr(self, name)

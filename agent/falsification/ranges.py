@@ -75,7 +75,7 @@ def read_ranges(path: Path) -> dict[str, Range]:
         raise RangeError(f"{path}: a table [ranges] and nothing else is expected; see --help")
     sensor = table.pop("sensor", {})
     if not isinstance(sensor, dict):
-        raise RangeError(f"{path}: ranges.sensor is no table; write [ranges.sensor]")
+        raise RangeError(f"{path}: ranges.sensor is not a table; write [ranges.sensor]")
     named = table | {f"sensor.{name}": value for name, value in sensor.items()}
     return {name: _range(f"{path}: ranges.{name}", name, value) for name, value in named.items()}
 
@@ -97,13 +97,17 @@ def _range(where: str, name: str, value: Any) -> Range:
     try:
         low, high = msgspec.convert(value, Range)
     except msgspec.ValidationError as error:
-        raise RangeError(f"{where} is no pair [least, greatest] of numbers; give two") from error
+        raise RangeError(f"{where} is not a pair [least, greatest] of numbers; give two") from error
     if not low <= high:
         raise RangeError(f"{where} = [{low:g}, {high:g}] has its ends swapped; swap them")
     if name == START and not 0.0 <= low <= high <= 1.0:
-        raise RangeError(f"{where} = [{low:g}, {high:g}] is a share of the starts; give 0 to 1")
+        raise RangeError(
+            f"{where} = [{low:g}, {high:g}] is outside 0 to 1, the share of the starts; give 0 to 1"
+        )
     if name == SEED and not (low >= 0.0 and low.is_integer() and high.is_integer()):
-        raise RangeError(f"{where} = [{low:g}, {high:g}] has no seeds; give whole numbers from 0")
+        raise RangeError(
+            f"{where} = [{low:g}, {high:g}] is not a range of seeds; give whole numbers from 0"
+        )
     return low, high
 
 
@@ -133,7 +137,7 @@ class Space:
                 why = self._without_effect[name]
                 raise RangeError(f"ranges.{name} has no effect {why}; leave it out")
         if not self.coordinates:
-            raise RangeError("ranges leave nothing to choose; give one whose ends differ")
+            raise RangeError("all ranges are fixed; give one with different ends")
 
     @cached_property
     def ranges(self) -> dict[str, Range]:

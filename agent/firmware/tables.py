@@ -29,7 +29,7 @@ def load_table(path: Path) -> Policy:
     policy = load_policy(path)
     if not isinstance(policy, Policy):
         raise PolicyError(
-            f"{path}: a policy by {method_name(policy)}, and firmware acts by tables of each "
+            f"{path}: is a policy by {method_name(policy)}, but firmware needs a table for each "
             "robot; train a policy with `python -m agent.train`"
         )
     return policy
@@ -121,7 +121,7 @@ def _require_plain(config: CoSimConfig) -> None:
     config.require_known("the firmware", "K_p", "K_i", "V_s_max")
     for name, asked in lacking.items():
         if asked:
-            raise ConfigError(f"the firmware has nothing for {name}; leave it out")
+            raise ConfigError(f"the firmware does not support {name}; leave it out")
 
 
 def _double(value: float) -> str:

@@ -157,8 +157,8 @@ def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, 
     if bound.relaxed:
         cells = (columns - 2) * (rows - 2)
         raise UserError(
-            f"{objective} joint paths of {robots} robots on {cells} cells are not computed, but "
-            f"those of one robot, and of two with at most {MAX_JOINT_STATES:,} joint states (here "
+            f"{objective} joint paths of {robots} robots on {cells} cells are too large to "
+            f"compute; the limit is one robot, or two with {MAX_JOINT_STATES:,} joint states (here "
             f"{cells**robots:,}); choose another method, or a smaller scenario"
         )
     value, costs = bound.path_cells, _PATH_COSTS

@@ -103,8 +103,8 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
                 )
     if not _has_free_starts(scenario, thresholds.contact):
         raise ScenarioError(
-            f"scenario {scenario.name}: starts leave hardly a combination in which the robots do "
-            "not touch; move the start cells further apart"
+            f"scenario {scenario.name}: hardly any combination of starts keeps the robots "
+            "apart; move the start cells further apart"
         )
     if config.distance_limit_m > MAX_SIDE_CELLS * scenario.cell_m:
         raise ScenarioError(

@@ -164,7 +164,7 @@ def require_rl_step(rl_step_s: float) -> None:
     """
     if not 0.0 < rl_step_s <= TIMING.rl_step_s:
         raise MovesError(
-            f"moves of robots that are asked every {rl_step_s:g} s cannot be learnt on; observe "
+            f"moves with an RL step of {rl_step_s:g} s are not usable for learning; observe "
             f"them with an --rl-step of at most {TIMING.rl_step_s:g} s"
         )
 

@@ -97,7 +97,7 @@ def policy_of(
         return load_policy(name, scenario, progress)
     if scenario is None:
         raise ConfigError(
-            f"policy = {shown(given)} acts in any scenario; name one (scenario, --scenario)"
+            f"policy = {shown(given)} needs a scenario; name one (scenario, --scenario)"
         )
     if name in METHODS:
         assert name is not None

@@ -84,8 +84,8 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         asked_as_ever = self.moves is not None and self.moves.rl_step_s == TIMING.rl_step_s
         if asked_as_ever and self.process.reward_per == "time":
             raise ScenarioError(
-                "process: reward_per = time has no effect on moves of robots that are asked every "
-                f"{TIMING.rl_step_s:g} s, which is what it pays for; leave it at step"
+                "process: reward_per = time has no effect on moves with an RL step of "
+                f"{TIMING.rl_step_s:g} s, where both are the same; leave it at step"
             )
         if self.learning.algorithm == "pair":
             self._require_pair()
@@ -95,7 +95,7 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise PolicyError(f"learning has no effect on {self.objective} paths; leave it out")
         if (self.objective in {"fastest", "planned"}) != (self.moves is not None):
             raise PolicyError(
-                "fastest and planned paths are those of observed moves, and others know of none; "
+                "only fastest and planned paths use observed moves; "
                 f"{'leave them out' if self.moves else 'give some'}"
             )
 

@@ -199,7 +199,7 @@ def read_settings(path: Path) -> tuple[ProcessConfig, LearningConfig]:
 
 def _convert(path: Path, table: str, content: Any, config: type[_Config]) -> _Config:
     if not isinstance(content, dict):
-        raise SettingsError(f"{path}: {table} is no table; write [{table}]")
+        raise SettingsError(f"{path}: {table} is not a table; write [{table}]")
     known = {field.name for field in fields(config)}
     for name in content:
         if name not in known:

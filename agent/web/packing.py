@@ -60,12 +60,12 @@ def load_page_policy(path: Path, scenario: Scenario) -> PagePolicy:
     policy = load_policy(path, scenario)
     if isinstance(policy, NetworkPolicy) and (width := len(policy.network.b1)) > MOST_HIDDEN:
         raise PolicyError(
-            f"{path}: a network with layers of {width}, and a page plays up to {MOST_HIDDEN}; "
+            f"{path}: has layers of {width}, but a page plays at most {MOST_HIDDEN}; "
             "train one with `python -m agent.deep`"
         )
     if not isinstance(policy, PagePolicy):
         raise PolicyError(
-            f"{path}: a policy by {method_name(policy)}, and a page plays tables and networks; "
+            f"{path}: is a policy by {method_name(policy)}, but a page plays tables and networks; "
             f"train one with `python -m cosim.run --scenario {scenario.name}`"
         )
     return policy
@@ -98,10 +98,10 @@ def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
     }
     found = [name for name, asked in lacking.items() if asked]
     if found:
-        raise ConfigError(f"a page has nothing for {', '.join(found)}; leave it out")
+        raise ConfigError(f"a page does not support {', '.join(found)}; leave it out")
     if scenario.robots > MOST_ROBOTS:
         raise ConfigError(
-            f"scenario {scenario.name} has {scenario.robots} robots, and a page plays up to "
+            f"scenario {scenario.name} has {scenario.robots} robots, but a page plays at most "
             f"{MOST_ROBOTS}; choose another scenario"
         )
 

@@ -50,7 +50,7 @@ def read(path: Path) -> dict[str, Response]:
         return {loop: _response(signals, loop) for loop in LOOPS}
     except (RecordingReadError, KeyError) as error:
         raise MotorTestError(
-            f"{path} is no recording of a motor test ({error}); "
+            f"{path} is not a recording of a motor test ({error}); "
             "make one with `python -m analysis.motor_test`"
         ) from error
 

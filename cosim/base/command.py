@@ -133,7 +133,7 @@ def require_falling(**options: Sequence[float]) -> None:
     for name, values in options.items():
         falling = sorted(set(values), reverse=True)
         if list(values) != falling or not all(0.0 < value < 1e4 for value in values):
-            raise UserError(f"--{name} must fall and be above 0")
+            raise UserError(f"--{name} must be positive and decreasing")
 
 
 def print_json(content: Any) -> None:

@@ -26,7 +26,7 @@ _FIXES = {
     errno.EROFS: "the file system is read-only; choose another place",
     errno.ENOENT: "no such file or folder; check the path",
     errno.ENOTDIR: "a part of the path is a file; choose another place",
-    errno.EEXIST: "it exists and is no folder; choose another place",
+    errno.EEXIST: "it exists and is not a folder; choose another place",
     errno.EISDIR: "it is a folder; name a file",
     errno.ENAMETOOLONG: "its name is longer than the file system allows; choose a shorter one",
     errno.ELOOP: "a symbolic link leads back to itself; correct the link or choose another path",

@@ -90,7 +90,7 @@ def with_stopping_distance(
     gap_m = stopping_gap(math.sqrt(2.0) * deviation_m, shield)
     if gap_m > MOST_GAP * config.robot.diameter_m:
         raise CalibrationError(
-            f"positions are so unsure in this world that the shield stops robots {1e3 * gap_m:.0f} "
+            f"positions are too uncertain in this world: the shield stops robots {1e3 * gap_m:.0f} "
             f"mm apart, more than {MOST_GAP:g} of their diameter; leave out --shield, or change "
             "world.sensor, world.floor_tilt_deg or world.mu_patches"
         )

@@ -113,7 +113,9 @@ def why_not_fmpy(fmu: MotorFmu, config: CoSimConfig) -> str | None:
         return f"motor FMU {fmu.path} has no {', '.join(SAMPLED)} for it"
     step_s, internal_s = config.timing.communication_step_s, fmu.internal_step_s() or math.inf
     if step_s > internal_s and abs(math.remainder(step_s / internal_s, 1.0)) > 1e-6:
-        return f"its communication step {step_s:g} s is no multiple of step_size = {internal_s:g} s"
+        return (
+            f"its communication step {step_s:g} s is not a multiple of step_size = {internal_s:g} s"
+        )
     return None
 
 

@@ -327,6 +327,6 @@ def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:
     ratio = round(min(period / base, MAX_RATIO))
     if ratio < 1 or ratio == MAX_RATIO or abs(period - ratio * base) > _ROUNDING * period:
         raise ConfigError(
-            f"{name} = {period:g} s is no whole multiple of {base_name} = {base:g} s; change one"
+            f"{name} = {period:g} s is not a whole multiple of {base_name} = {base:g} s; change one"
         )
     return ratio

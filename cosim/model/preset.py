@@ -225,11 +225,11 @@ def _refuse_unknown(where: str, content: Mapping[str, Any], known: tuple[str, ..
 
 def _number(field: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _FieldError(f"{field} = {value!r} is no number; give one")
+        raise _FieldError(f"{field} = {value!r} is not a number; give one")
     try:
         return float(value)
     except OverflowError:
-        raise _FieldError(f"{field} is beyond all floats; give another number") from None
+        raise _FieldError(f"{field} is larger than any float; give a smaller number") from None
 
 
 def _parameter(table: str, name: str) -> str:

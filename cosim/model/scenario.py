@@ -123,7 +123,7 @@ class Scenario:
             raise ScenarioError(
                 f"scenario {self.name}: targets {b} and {a} of robots {j + 1} and {i + 1} "
                 f"are {100 * math.dist(a, b) * self.cell_m:.1f} cm apart; robots of "
-                f"{100 * self.robot_diameter_m:.1f} cm cannot both park there: move them "
+                f"{100 * self.robot_diameter_m:.1f} cm do not both fit there; move them "
                 "further apart"
             )
 

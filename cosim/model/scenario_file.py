@@ -91,7 +91,7 @@ def in_world(scenario: Scenario, world: World) -> Scenario:
         left, bottom, right, top = patch.cells
         if not (0 <= left <= right < scenario.columns and 0 <= bottom <= top < scenario.rows):
             raise WorldError(
-                f"world.mu_patches has {list(patch.cells)}, which is no rectangle [first column, "
+                f"world.mu_patches has {list(patch.cells)}, not a rectangle [first column, "
                 f"first row, last column, last row] of the {scenario.columns} x {scenario.rows} "
                 "board; give one on it"
             )

@@ -95,6 +95,6 @@ def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...
         if touching_pair(starts, contact) is None:
             return starts
     raise ScenarioError(
-        f"scenario {scenario.name}: starts leave hardly a combination in which the robots do not "
-        "touch; move the start cells further apart"
+        f"scenario {scenario.name}: hardly any combination of starts keeps the robots "
+        "apart; move the start cells further apart"
     )

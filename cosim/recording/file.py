@@ -253,8 +253,8 @@ class Recording(Sink):
             atexit.register(_leave, self.stream)  # disconnecting it would wait for ever
             if self._viewer:
                 raise RecordingError(
-                    f"the viewer at {self._viewer} does not take what is recorded ({error}); start "
-                    f"it again or leave it out; what {self._part} holds so far can be read"
+                    f"the viewer at {self._viewer} does not accept recorded data ({error}); start "
+                    f"it again or leave it out; {self._part} can be read so far"
                 ) from error
             raise self._incomplete(error) from error
 
@@ -270,7 +270,7 @@ class Recording(Sink):
         why = error.strerror if isinstance(error, OSError) else error
         return RecordingError(
             f"the recording {self._part} could not be written out ({why}); free some disk space; "
-            "what it and other .part files next to it hold can be read"
+            "it and other .part files next to it can be read"
         )
 
     def close(self) -> None:

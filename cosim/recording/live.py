@@ -76,7 +76,9 @@ def _host(url: str) -> tuple[str, int]:
     except ValueError:
         host, port, parts = None, 0, urlsplit("")
     if parts.scheme not in _SCHEMES or host is None or parts.path != "/proxy":
-        raise LiveError(f"--viewer {url} is no viewer's address; write it as {DEFAULT_VIEWER}")
+        raise LiveError(
+            f"--viewer {url} is not the address of a viewer; write it as {DEFAULT_VIEWER}"
+        )
     return host, port
 
 

@@ -164,9 +164,7 @@ class Episode:
         """
         parameter = self.parameters.get(name)
         if parameter is None or isinstance(parameter.value, (str, list)):
-            raise RecordingReadError(
-                f"{self.origin} does not say its parameter {name}; record it again"
-            )
+            raise RecordingReadError(f"{self.origin} lacks its parameter {name}; record it again")
         return float(parameter.value)
 
     def save(self, path: Path | str) -> None:

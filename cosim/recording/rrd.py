@@ -126,7 +126,7 @@ def read_rrd(path: Path) -> RecordingData:
             except (RuntimeError, ValueError) as error:
                 broken = error
     raise RecordingReadError(
-        f"{path} is no Rerun recording that can be read ({broken}); record one with "
+        f"{path} is not a readable Rerun recording ({broken}); record one with "
         "`python -m cosim.run`"
     )
 

@@ -53,7 +53,7 @@ class _Clock:
         except (ValueError, ZeroDivisionError) as error:
             raise GraphError(
                 f"component {instance.name}: clock '{self.name}' ({self.kind}) declares an "
-                f"interval or a shift that is no number ({error}); export it with finite ones"
+                f"interval or a shift that is not a number ({error}); export it with finite ones"
             ) from error
         self.asked = self._declared["interval"] is None and self.kind not in ("constant", "fixed")
         self.interval: Fraction = Fraction(0)

@@ -143,7 +143,7 @@ def find(fmus: Mapping[str, Fmu], name: str) -> Node:
             f"component {component} has no variable '{variable}'; its modelDescription.xml "
             "names those it has"
         )
-    raise GraphError(f"'{name}' is no variable of a component; components are {', '.join(fmus)}")
+    raise GraphError(f"'{name}' is not a variable of a component; components are {', '.join(fmus)}")
 
 
 def ticking_clocks(fmu: Fmu) -> list[Element]:

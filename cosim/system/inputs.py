@@ -66,7 +66,7 @@ def check_values(node: Node, kind: str, times: object, values: object) -> Input:
     try:
         time_s, found = (np.asarray(each, dtype=float) for each in (times, values))
     except (TypeError, ValueError) as error:
-        raise GraphError(f"{said} has values that are no numbers; correct them") from error
+        raise GraphError(f"{said} has values that are not numbers; correct them") from error
     if time_s.ndim != 1 or time_s.shape != found.shape or not len(time_s):
         raise GraphError(
             f"{said} has times of shape {time_s.shape} and values of shape {found.shape}; give as "
@@ -169,5 +169,5 @@ def _columns(table: Any) -> dict[str, np.ndarray]:
         try:
             found[name] = table[name].cast("float64").to_numpy()
         except (ArrowInvalid, ArrowNotImplementedError) as error:
-            raise ValueError(f"column {name} has values that are no numbers") from error
+            raise ValueError(f"column {name} has values that are not numbers") from error
     return found

@@ -260,7 +260,7 @@ class Instance:
                     for v in values
                 ]
         except (ValueError, KeyError, TypeError) as error:
-            raise GraphError(f"{said} is no {kind}; correct it") from error
+            raise GraphError(f"{said} is not of type {kind}; correct it") from error
         least, most = self._limits(variable)
         if not all(least <= each <= most for each in found):  # neither holds of what is no number
             raise GraphError(f"{said} is out of range; use {least:.17g} to {most:.17g}")

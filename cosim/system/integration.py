@@ -35,7 +35,7 @@ def settled(slave: Any) -> tuple[bool, float]:
         again, ends, _, _, defined, time_s = update()
         if ends or not again:
             return ends, time_s if defined else math.inf
-    raise RuntimeError(f"it wants more than {_MOST_UPDATES} updates of its states")
+    raise RuntimeError(f"it requests more than {_MOST_UPDATES} updates of its states")
 
 
 def c_function(log: Log, function: Callable[..., Any], *form: Any) -> Any:

@@ -483,7 +483,7 @@ class System:
                 "explicit to accept a delay of one step in it"
             )
         return GraphError(
-            f"{said} has no solution that is found: the residual is {residual:.3g} where its value "
+            f"{said} was not solved: the residual is {residual:.3g} where its value "
             f"is {value:.6g}; pass --loops explicit to accept a delay of one step "
             "in loops, another start value, or a shorter step"
         )

@@ -64,6 +64,6 @@ def run(options: Figures, progress: Progress) -> Iterator[Any]:
     for name, reason in lacking.items():
         print(f"not drawn: {name}: {reason}")
     if not drawn:
-        raise UserError("no figure could be drawn; the commands that make results stand above")
+        raise UserError("no figure could be drawn; run the commands above to make results")
     if options.strict and lacking:
         raise UserError(f"not drawn: {', '.join(lacking)}; leave out --strict to accept that")

@@ -48,8 +48,8 @@ def run(options: Pack, progress: Progress) -> dict[str, Any]:
         raise UserError(f"{folder}/sources/buildDescription.xml: {error}; fix it") from error
     if not configurations or not (folder / "modelDescription.xml").is_file():
         raise UserError(
-            f"{folder} is no unpacked FMI 3.0 FMU with sources: it needs modelDescription.xml and "
-            "sources/buildDescription.xml"
+            f"{folder} is not an unpacked FMI 3.0 FMU with sources: it needs "
+            "modelDescription.xml and sources/buildDescription.xml"
         )
     files = {
         path.relative_to(folder).as_posix(): path.read_bytes()

@@ -116,6 +116,6 @@ def _number(text: str | None, name: str, path: Path, line: int) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        said = f"{text!r} is" if text else "what is missing is"
-        raise TrackError(f"{path}: line {line}: {name}: {said} no number; fix or remove the line")
+        said = f"{text!r} is not a number" if text else "the number is missing"
+        raise TrackError(f"{path}: line {line}: {name}: {said}; fix or remove the line")
     return value

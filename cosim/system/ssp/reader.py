@@ -124,7 +124,9 @@ class _Reader:
                 self._folder = unpack(path, (variant, "resources/"))
                 description = self._folder / variant
             elif variant != DESCRIPTION:
-                raise GraphError(f"{path} is no archive with variants; name the .ssd file itself")
+                raise GraphError(
+                    f"{path} is not an archive with variants; name the .ssd file itself"
+                )
             self._root = _parsed(description, str(path))
             self._units = units_of(self._root)
         self._fmus: dict[tuple[Path, str], Fmu] = {}
@@ -210,7 +212,7 @@ class _Reader:
         if implementation not in _EXCHANGE:
             raise GraphError(f"{said} is for {implementation}; choose from {', '.join(_EXCHANGE)}")
         if name in self._components:
-            raise GraphError(f"{said} stands there twice; rename one")
+            raise GraphError(f"{said} appears twice; rename one")
         path = self._resolve(element.get("source", ""))
         if (path, implementation) not in self._fmus:
             try:
@@ -378,7 +380,7 @@ class _Reader:
         inside = self._folder == self._path.parent or path.is_relative_to(self._folder.resolve())
         whole = not (parts.query or parts.fragment)
         if parts.scheme not in ("", "file") or not parts.path or not inside or not whole:
-            raise GraphError(f"{self._path}: source '{source}' is no file in it; put the file in")
+            raise GraphError(f"{self._path}: source '{source}' is not a file in it; add the file")
         return path
 
     def _read(self, source: str) -> Element:

@@ -138,7 +138,7 @@ def test_a_controller_plans_with_saved_states():
         ({"reach": "far"}, "reach = 'far' is invalid: expected float"),
         ({"control_interval": math.nan}, "control_interval = nan is invalid: expected float > 0"),
         ({"control_interval": "x"}, "control_interval = 'x' is invalid"),
-        ({"control_interval": 0.00015}, "control_interval = 0.00015 s is no whole multiple"),
+        ({"control_interval": 0.00015}, "control_interval = 0.00015 s is not a whole multiple"),
         ({"context": "yes"}, "context = 'yes' is invalid: expected bool"),
         ({"max_episode_steps": 0}, "max_episode_steps = 0 is invalid: expected int >= 1"),
         ({"shield": True}, "shield has no effect where a learner drives"),
@@ -205,9 +205,9 @@ def test_unusable_starts_and_actions_are_refused():
     for action in ([1.0], [math.nan, 0.0], "ahead", [[1.0], 2.0], None):
         with pytest.raises(ActionError, match="two finite numbers"):
             env.step(action)
-    with pytest.raises(StateError, match="is no state of this kind"):
+    with pytest.raises(StateError, match="is not a state of this kind"):
         env.set_state({})
-    with pytest.raises(StateError, match="is no state of this kind"):
+    with pytest.raises(StateError, match="is not a state of this kind"):
         env.set_state(None)  # pyright: ignore[reportArgumentType]
     env.close()
 

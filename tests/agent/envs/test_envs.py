@@ -248,14 +248,14 @@ def test_readings_without_effect_are_refused(reading, cosim, said):
         ),
         (
             {"options": {"starts": [[[4, 4]], [[9, 9]]]}},
-            r"starts = .* are no cells; .* \(2, 2\)",
+            r"starts = .* are not cells; .* \(2, 2\)",
         ),
         ({"seed": [7]}, "1 seeds; give one to each of the 2 boards"),
         ({"seed": [1, 2, 3]}, "3 seeds"),
         ({"seed": [1, -3]}, r"seed = .* is invalid: expected int >= 0"),
         ({"options": {"start": [[3, 3], [9, 9]]}}, "no option 'start'; choose from starts, reset"),
-        ({"options": {"starts": [[[4, 4], [9, 9]], [[1, 1], [2]]]}}, "are no cells"),
-        ({"options": {"starts": np.full((2, 2, 2), 3.9)}}, "are no cells; give whole numbers"),
+        ({"options": {"starts": [[[4, 4], [9, 9]], [[1, 1], [2]]]}}, "are not cells"),
+        ({"options": {"starts": np.full((2, 2, 2), 3.9)}}, "are not cells; give whole numbers"),
     ],
 )
 def test_resets_of_another_number_of_boards_are_refused(arguments, said):
@@ -400,10 +400,10 @@ def test_actions_that_are_no_directions_are_refused(action):
 @pytest.mark.parametrize(
     ("actions", "message"),
     [
-        ([0, 8], "action 8 of robot_1 on board 1 is no direction"),
+        ([0, 8], "action 8 of robot_1 on board 1 is not a direction"),
         ([-1, 0], "action -1 of robot_1 on board 0"),
         ([0], "for each of the 2 robots"),
-        ([0.0, 1.0], "are no directions; choose one whole number"),
+        ([0.0, 1.0], "are not directions; choose one whole number"),
     ],
 )
 def test_vector_environment_names_the_one_with_a_wrong_action(actions, message):
@@ -420,9 +420,9 @@ def test_vector_environment_names_the_one_with_a_wrong_action(actions, message):
         ({}, "robot_1 has no action"),
         (
             {"robot_1": 0, "robot_2": 0, "robot_3": 0},
-            "robot_3 is no agent; choose from robot_1, robot_2",
+            "robot_3 is not an agent; choose from robot_1, robot_2",
         ),
-        ({"robot_1": 0, "robot_2": 8}, "action 8 of robot_2 is no direction"),
+        ({"robot_1": 0, "robot_2": 8}, "action 8 of robot_2 is not a direction"),
         ({"robot_1": 0, "robot_2": None}, "action None of robot_2"),
     ],
 )

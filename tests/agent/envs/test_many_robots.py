@@ -179,10 +179,16 @@ def test_boards_never_seeded_differ_and_seeds_count_up():
     ("actions", "message"),
     [
         ({"robot_1": [0, 0]}, "robot_2 has no action"),
-        ({"robot_1": [0, 0], "robot_2": [0, 0], "bob": [0, 0]}, "bob is no agent; choose from"),
-        ({"robot_1": [0, 0], "robot_2": [0, 8]}, "action 8 of robot_2 on board 1 is no direction"),
+        ({"robot_1": [0, 0], "robot_2": [0, 0], "bob": [0, 0]}, "bob is not an agent; choose from"),
+        (
+            {"robot_1": [0, 0], "robot_2": [0, 8]},
+            "action 8 of robot_2 on board 1 is not a direction",
+        ),
         ({"robot_1": [0, 0], "robot_2": [0]}, "each of the 2 boards"),
-        ({"robot_1": [0, 0], "robot_2": [0.0, 1.0]}, r"action .*0\.0.* of robot_2 is no direction"),
+        (
+            {"robot_1": [0, 0], "robot_2": [0.0, 1.0]},
+            r"action .*0\.0.* of robot_2 is not a direction",
+        ),
     ],
 )
 def test_agents_need_actions_on_all_boards(actions, message):

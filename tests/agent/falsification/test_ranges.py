@@ -90,11 +90,11 @@ def test_starts_in_contact_give_way_to_the_nearest_ones_without():
     [
         ("[ranges]\nfriction = [0, 1]", "ranges.friction is unknown; choose from start, motor_ph"),
         ("[ranges.sensor]\nmu = [0, 1]", "ranges.sensor.mu is unknown"),
-        ("[ranges]\nmu = 0.2", "ranges.mu is no pair"),
+        ("[ranges]\nmu = 0.2", "ranges.mu is not a pair"),
         ("[ranges]\nmu = [0.2, 0.1]", "ranges.mu = .0.2, 0.1. has its ends swapped"),
-        ("[ranges]\nstart = [0, 2]", "ranges.start = .0, 2. is a share of the starts"),
-        ("[ranges]\nseed = [0, 0.5]", "ranges.seed = .0, 0.5. has no seeds"),
-        ("[ranges]\nsensor = 3", "ranges.sensor is no table"),
+        ("[ranges]\nstart = [0, 2]", "ranges.start = .0, 2. is outside 0 to 1"),
+        ("[ranges]\nseed = [0, 0.5]", "ranges.seed = .0, 0.5. is not a range of seeds"),
+        ("[ranges]\nsensor = 3", "ranges.sensor is not a table"),
         ("[world]\nmu = 0.2", "a table .ranges. and nothing else is expected"),
         ("[ranges", "not a TOML file"),
     ],
@@ -125,7 +125,7 @@ def test_a_file_names_ranges_of_the_camera_apart(tmp_path):
             {"motor_speed_noise": (0.0, 0.1)},
             "ranges.motor_speed_noise has no effect with --open-loop motors",
         ),
-        (QUIET, {"motor_phase_deg": (90.0, 90.0)}, "ranges leave nothing to choose"),
+        (QUIET, {"motor_phase_deg": (90.0, 90.0)}, "all ranges are fixed"),
     ],
 )
 def test_ranges_that_cannot_be_searched_are_refused(config, ranges, said):

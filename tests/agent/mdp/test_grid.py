@@ -273,7 +273,7 @@ def test_ties_go_to_the_least_rotation(facing, values, expected):
     ("change", "message"),
     [
         ({"starts": (((15, 18),), ((3, 3),))}, "starts\\[0\\] has cell \\(15, 18\\)"),
-        ({"starts": (((3, 3),), ((4, 4),))}, "hardly a combination"),
+        ({"starts": (((3, 3),), ((4, 4),))}, "hardly any combination"),
         ({"obstacles": ((3, 3),), "starts": (((3, 3),), ((9, 9),))}, "touches an obstacle"),
     ],
 )

@@ -105,9 +105,9 @@ def test_the_tables_of_the_fastest_lead_to_the_least_time():
 
 def test_only_the_fastest_paths_know_of_moves():
     features = ProcessConfig(features=("x", "y", "h"))
-    with pytest.raises(PolicyError, match="others know of none; give some"):
+    with pytest.raises(PolicyError, match="use observed moves; give some"):
         PolicyConfig(BOARD, features, LearningConfig(), Seed(0), objective="fastest")
-    with pytest.raises(PolicyError, match="others know of none; leave them out"):
+    with pytest.raises(PolicyError, match="use observed moves; leave them out"):
         moves = lasting(*SECONDS)
         PolicyConfig(BOARD, features, LearningConfig(), Seed(0), moves, objective="shortest")
 

@@ -194,8 +194,8 @@ def test_a_file_has_nothing_of_the_command(tmp_path):
 @pytest.mark.parametrize(
     ("policies", "options", "message"),
     [
-        ("moves", {}, "acts in any scenario; name one"),
-        (Stubborn(), {}, "acts in any scenario; name one"),
+        ("moves", {}, "needs a scenario; name one"),
+        (Stubborn(), {}, "needs a scenario; name one"),
         (Stubborn, {"scenario": NEAR}, "has no act"),
         ([Stubborn(), Stubborn()], {"scenario": NEAR}, "have equal names"),
         ([], {"scenario": NEAR}, "need at least one value each"),

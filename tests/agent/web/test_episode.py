@@ -188,5 +188,5 @@ def test_foreign_policies_are_refused(tmp_path, monkeypatch):
         load_page_policy(tmp_path / "other.npz", find_scenario("2"))
     network(find_scenario("2")).save(tmp_path / "wide.npz")
     monkeypatch.setattr("agent.web.packing.MOST_HIDDEN", 15)
-    with pytest.raises(PolicyError, match="layers of 16, and a page plays up to 15"):
+    with pytest.raises(PolicyError, match="layers of 16, but a page plays at most 15"):
         load_page_policy(tmp_path / "wide.npz", find_scenario("2"))

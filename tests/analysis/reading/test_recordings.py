@@ -99,7 +99,7 @@ def test_missing_signals_and_parameters_are_named(episode):
         episode.signals["r1/motor/omega"]
     with pytest.raises(KeyError, match=r"signal qqq; record .*defaults"):
         episode.signals["qqq"]
-    with pytest.raises(RecordingReadError, match="does not say its parameter nothing"):
+    with pytest.raises(RecordingReadError, match="lacks its parameter nothing"):
         episode.parameter("nothing")
 
 

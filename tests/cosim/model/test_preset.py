@@ -118,7 +118,7 @@ def test_a_communication_step_of_zero_is_refused():
         ("[robot]\nmuu = 1", "robot.muu is unknown to presets; choose from mass_kg"),
         ("[steering]\ngain = 1", "steering is unknown to presets; choose from source, robot"),
         ("[world]\nmu = 0.2", "world.mu is unknown to presets; choose from restitution"),
-        ("[robot]\nmass_kg = 'x'", "robot.mass_kg = 'x' is no number"),
+        ("[robot]\nmass_kg = 'x'", "robot.mass_kg = 'x' is not a number"),
         ("[robot]\nmass_kg = 0", "mass_kg must be positive"),
         ("[motor]\nr = 0", "r must be positive"),
         ("[robot]\nmu = nan", "mu = nan must be finite"),

@@ -85,7 +85,7 @@ def test_no_rounding_decides_on_the_grid(diameter_m, cell_m):
     sizes = {"cell_m": cell_m, "robot_diameter_m": diameter_m}
     diameter = round(diameter_m / cell_m)
     starts = (((0, 0),), ((29, 29),))
-    with pytest.raises(ScenarioError, match="cannot both park there"):
+    with pytest.raises(ScenarioError, match="do not both fit there"):
         Scenario("o", "", ((20, 20), (20 - diameter, 20)), starts, **sizes)
     reach = (diameter + 1) // 2  # cells from a cell's middle to an obstacle's, at contact
     with pytest.raises(ScenarioError, match="touches an obstacle"):

@@ -149,7 +149,7 @@ def test_frozen_viewer_does_not_hold_the_command_up(server, tmp_path):
         finally:
             writer.kill()
     assert writer.returncode == 2
-    assert errors.startswith(f"error: the viewer at {url} does not take what is recorded")
+    assert errors.startswith(f"error: the viewer at {url} does not accept recorded data")
     assert [file.name for file in tmp_path.glob("episode*")] == ["episode.rrd.part"]
 
 

@@ -369,7 +369,7 @@ def said_of_full_disk(done, folder):
     assert done.returncode == 2, done.stderr
     assert done.stderr == (
         f"error: the recording {part} could not be written out (File too large); free some disk "
-        "space; what it and other .part files next to it hold can be read\n"
+        "space; it and other .part files next to it can be read\n"
     )
     return part
 

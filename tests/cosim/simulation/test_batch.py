@@ -273,7 +273,7 @@ def test_fmpy_is_refused_where_it_cannot_step(motor_fmu, array_fmu):
         (array_fmu, {"reaction": True}, "with --reaction"),
         (motor_fmu, {}, "VibrationMotor.fmu has no theta_samples"),
         (array_fmu, {"timing": TIMING._replace(dt_s=2.5e-5, communication_step_s=2.5e-5)},
-         "2.5e-05 s is no multiple of step_size = 1e-05"),
+         "2.5e-05 s is not a multiple of step_size = 1e-05"),
     ):  # fmt: skip
         config = CoSimConfig(**cast(Any, changes))
         with pytest.raises(ConfigError, match=refused % re.escape(reason)):

@@ -228,16 +228,16 @@ def test_starts_never_touch():
 
 def test_starts_that_always_touch_are_refused():
     crowd = Scenario("crowd", "", ((0, 0), (9, 9)), (((4, 0), (5, 0)),) * 2)
-    with pytest.raises(ScenarioError, match="crowd: starts leave hardly a combination"):
+    with pytest.raises(ScenarioError, match="crowd: hardly any combination of starts"):
         draw_starts(crowd, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(
     ("timing", "message"),
     [
-        ({"dt_s": 3e-5}, "communication_step_s = 1e-05 s is no whole multiple of dt_s"),
-        ({"communication_step_s": 3e-5}, "control_period_s = 0.001 s is no whole multiple"),
-        ({"rl_step_s": 0.0015}, "rl_step_s = 0.0015 s is no whole multiple"),
+        ({"dt_s": 3e-5}, "communication_step_s = 1e-05 s is not a whole multiple of dt_s"),
+        ({"communication_step_s": 3e-5}, "control_period_s = 0.001 s is not a whole multiple"),
+        ({"rl_step_s": 0.0015}, "rl_step_s = 0.0015 s is not a whole multiple"),
         ({"dt_s": 0.0}, "dt_s must be positive"),
     ],
 )

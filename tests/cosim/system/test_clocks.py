@@ -208,9 +208,17 @@ def test_what_clocks_cannot_do_is_named(ticker, small, tmp_path):
             simulate(ticker(clock, **start), 1.0, 0.1, **options)
     for clock, start, words in (
         (0.0, {}, r"clock 'a' \(constant\) has a interval of 0 s"),
-        (math.nan, {}, r"clock 'a' \(constant\) declares an interval or a shift that is no number"),
-        (math.inf, {}, "that is no number"),
-        ('intervalVariability="constant" intervalCounter="3" resolution="0"', {}, "is no number"),
+        (
+            math.nan,
+            {},
+            r"clock 'a' \(constant\) declares an interval or a shift that is not a number",
+        ),
+        (math.inf, {}, "that is not a number"),
+        (
+            'intervalVariability="constant" intervalCounter="3" resolution="0"',
+            {},
+            "is not a number",
+        ),
         (*told(1, interval=-1.0), "has a interval of -1 s"),
         (*told(5, shift=-1.0), "has a shift of -1 s"),
         (*told(5, interval=math.nan), "is out of range"),

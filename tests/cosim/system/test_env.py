@@ -137,7 +137,7 @@ def test_what_fails_ends_an_episode_and_the_next_one_is_whole(small):
         ({"actions": {"first.m": (0.0, 1.0)}}, "first.m is of causality parameter"),
         ({"observations": ["first.y"]}, "first has no variable 'y'"),
         ({"parameters": {"first.y": (0.0, 1.0)}}, "first has no variable 'y'"),
-        ({"step": 0.0505}, "step = 0.0505 s is no whole multiple"),
+        ({"step": 0.0505}, "step = 0.0505 s is not a whole multiple"),
         ({"step": np.nan}, "step nan: choose one above 0"),
         ({"step": "fast"}, "step = 'fast' is invalid"),
         ({"actions": {"first.F_in": (0.0, 1e39)}}, "must be finite"),

@@ -68,8 +68,8 @@ def test_inputs_over_time_keep_the_second_order(small, algorithm):
         ({"a.Float64_input": ([0, 1], [1])}, "give as many values as times"),
         ({"a.Float64_input": ([1, 0], [1, 1])}, "times that do not decrease"),
         ({"a.Float64_input": ([0], [math.nan])}, "needs finite values"),
-        ({"a.Float64_input": ([0], ["x"])}, "values that are no numbers"),
-        ({"b.u": ([0], [1])}, "is no variable of a component"),
+        ({"a.Float64_input": ([0], ["x"])}, "values that are not numbers"),
+        ({"b.u": ([0], [1])}, "is not a variable of a component"),
     ],
 )
 def test_inputs_that_do_not_fit_are_refused(small, inputs, words):
@@ -93,7 +93,7 @@ def test_tables_have_units_and_connectors_of_the_system(small, tmp_path):
     assert read_inputs(table, fmus, [])["a.x_in"][1] == pytest.approx([1e-3, 3e-3])
     for text, words in (
         ("t,a.x_in\n0,1\n", "it has no column time"),
-        ("time,a.x_in\n0,fast\n", "column a.x_in has values that are no numbers"),
+        ("time,a.x_in\n0,fast\n", "column a.x_in has values that are not numbers"),
         ("time,a.x_in [N]\n0,1\n", "units N and m do not match"),
         ("time,a.y\n0,1\n", "component a has no variable 'y'"),
         ("time,place,a.x_in\n0,1,1\n", "two columns give a.x_in"),

@@ -96,7 +96,10 @@ def test_loop_of_components_with_the_shortest_step_is_solved(small):
     [
         ({"component_steps": {"third": 1e-3}}, "'third'; components are first, second"),
         ({"component_steps": {"first": 0.0}}, "step of first 0: choose one above 0"),
-        ({"component_steps": {"first": 1.5e-3}}, "step of first = 0.0015 s is no whole multiple"),
+        (
+            {"component_steps": {"first": 1.5e-3}},
+            "step of first = 0.0015 s is not a whole multiple",
+        ),
         ({"component_steps": {"first": 1e-2}, "tolerance": 1e-3}, "leave the tolerance and"),
         ({"component_steps": {"first": 1e-2}, "algorithm": "implicit"}, "another algorithm"),
         ({"component_steps": {"first": 3e-3}}, "a common multiple of all steps = 0.003 s"),

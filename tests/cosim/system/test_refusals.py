@@ -52,8 +52,12 @@ def refused(small):
     ("source", "target", "words"),
     [
         ("a.y", "b.Float64_input", "component a has no variable 'y'"),
-        ("d.x", "b.Float64_input", "'d.x' is no variable of a component; components are a, b, c"),
-        ("x", "b.Float64_input", "'x' is no variable of a component"),
+        (
+            "d.x",
+            "b.Float64_input",
+            "'d.x' is not a variable of a component; components are a, b, c",
+        ),
+        ("x", "b.Float64_input", "'x' is not a variable of a component"),
         ("a.F_in", "b.Float64_input", "they are of causality input and input; connect an output"),
         (
             "b.Float64_output",
@@ -114,9 +118,12 @@ def test_arrays_have_one_shape(refused, small):
     [
         ({"z": 1}, "component s has no variable 'z'; its modelDescription.xml names"),
         ({"Float64_output": 1}, "'Float64_output' of causality output takes no start value"),
-        ({"Float64_input": "fast"}, "start value 'fast' of 'Float64_input' is no Float64"),
-        ({"Int32_input": 1.5}, "start value 1.5 of 'Int32_input' is no Int32"),
-        ({"Boolean_input": "maybe"}, "start value 'maybe' of 'Boolean_input' is no Boolean"),
+        ({"Float64_input": "fast"}, "start value 'fast' of 'Float64_input' is not of type Float64"),
+        ({"Int32_input": 1.5}, "start value 1.5 of 'Int32_input' is not of type Int32"),
+        (
+            {"Boolean_input": "maybe"},
+            "start value 'maybe' of 'Boolean_input' is not of type Boolean",
+        ),
         ({"Int32_input": [1, 2]}, "start value [1, 2] of 'Int32_input' has 2 values; give it 1"),
     ],
 )
@@ -217,7 +224,7 @@ def test_steps_have_to_fit(refused, small):
     assert "tolerance 0: choose one above 0" in refused(tolerance=0.0)
     assert "longest step nan: choose one above 0" in refused(longest_step_s=float("nan"))
     said = refused(tolerance=1e-3, longest_step_s=0.25, error=ConfigError)
-    assert said.startswith("longest step = 0.25 s is no whole multiple of step = 0.1 s")
+    assert said.startswith("longest step = 0.25 s is not a whole multiple of step = 0.1 s")
     with System([Component("a", small("ball"))], step_s=0.1) as system:
         with pytest.raises(ConfigError, match=r"= 0\.25 s .*multiple"):
             system.run(0.25)
@@ -233,6 +240,6 @@ def test_steps_have_to_fit(refused, small):
 def test_fixed_internal_step_divides_the_step(refused, small):
     components = [Component("a", small("ball", internal_s=0.03))]
     said = refused(components=components, error=ConfigError)
-    assert said.startswith("step = 0.1 s is no whole multiple of fixedInternalStepSize of FMU ")
+    assert said.startswith("step = 0.1 s is not a whole multiple of fixedInternalStepSize of FMU ")
     components = [Component("a", small("ball", internal_s=0.0))]
     assert "fixedInternalStepSize = 0;" in refused(components=components, error=FmuError)

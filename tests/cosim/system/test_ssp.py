@@ -186,8 +186,11 @@ def test_values_in_another_unit_are_converted_or_refused(archive):
 @pytest.mark.parametrize(
     ("second", "words"),
     [
-        ('<ssd:Component name="second" source="../3.fmu"/>', "source '../3.fmu' is no file in it"),
-        ('<ssd:Component name="first" source="resources/3.fmu"/>', "first stands there twice"),
+        (
+            '<ssd:Component name="second" source="../3.fmu"/>',
+            "source '../3.fmu' is not a file in it",
+        ),
+        ('<ssd:Component name="first" source="resources/3.fmu"/>', "first appears twice"),
         (
             '<ssd:Component name="second" type="application/x-ssp-package" source="a.ssp"/>',
             "component second is of type application/x-ssp-package; put FMUs in its place",
@@ -291,7 +294,7 @@ def test_command_passes_on_texts_and_calculated_parameters(small, command, tmp_p
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--step", "3e-4"), "time to run to = 0.1 s is no whole multiple of step = 0.0003 s"),
+        (("--step", "3e-4"), "time to run to = 0.1 s is not a whole multiple of step = 0.0003 s"),
         (("--record", "first.q"), "component first has no variable 'q'"),
         (("--out", "run.txt"), "--out run.txt: name a .csv, .parquet or .rrd file"),
         (("--every", "0"), "every 0 steps: choose 1 or more"),

@@ -135,8 +135,8 @@ def replaced(column, row, value):
     ("change", "says"),
     [
         (lambda lines: [lines[0].replace("omega_2", "speed"), *lines[1:]], "line 1 has no .*omega"),
-        (replaced(1, 7, "nan"), "line 8: x: 'nan' is no number"),
-        (replaced(3, 9, ""), "line 10: heading: what is missing is no number"),
+        (replaced(1, 7, "nan"), "line 8: x: 'nan' is not a number"),
+        (replaced(3, 9, ""), "line 10: heading: the number is missing"),
         (replaced(0, 5, "0.1"), "line 6: its time is not after"),
         (lambda lines: lines[:20], "ends at line 20 after 19 frames"),
         (replaced(1, 30, "100.0"), "line 31: x and y jump"),
