@@ -53,7 +53,7 @@ def train(
             for up to eight on a board of up to 1000 cells, else "moves".
         seed: of training.
         episodes: of training, the method's own number by default.
-        motor_fmu: whose moves are observed by the methods that know of moves, by default
+        motor_fmu: motor FMU for observing moves, in methods that use moves; by default
             the built-in one.
         motor_parameters: of the motor FMU while its moves are observed, set through FMI, in its
             units, such as {"J": 5e-9}.

@@ -56,7 +56,7 @@ ON_MOVES = {
 
 
 def moves_of(method: str, scenario: Scenario) -> MoveSource | None:
-    """Return what moves a method knows of in a scenario; None if it knows the grid alone."""
+    """Return the moves that a method uses in a scenario; None if it uses the grid alone."""
     pair = method == "fastest" and scenario.robots > 1
     return MoveSource(through=True) if pair else ON_MOVES.get(method)
 
@@ -93,7 +93,7 @@ def method_config(
         scenario: board, starts and targets.
         seed: of training; a computed policy has none.
         episodes: training episodes, the method's own number by default.
-        motor_fmu: whose moves are observed, the built-in one by default.
+        motor_fmu: motor FMU of the observed moves, the built-in one by default.
         motor_parameters: of the motor FMU, set through FMI while moves are observed.
         progress: receives what is calibrated and observed.
 
@@ -136,7 +136,7 @@ def method_config(
 
 
 def method_of(config: PolicyConfig) -> Method | None:
-    """The method that a policy was trained by, whatever its seed, episodes and observed moves.
+    """The method that a policy was trained by, for any seed, episodes and observed moves.
 
     None if it is none of METHODS: interpretations or numbers of learning were chosen.
     """

@@ -1,4 +1,4 @@
-"""Policies by their files, whatever trained them, and by their names in the zoo."""
+"""Policies by their files, of all methods, and by their names in the zoo."""
 
 import json
 from pathlib import Path

@@ -22,8 +22,8 @@ class Profile:
         single_episodes, pair_episodes: co-simulated and recorded episodes of every scenario, of
             one robot and of a pair.
         episode_limit_s: simulated time after which such an episode ends as a time-out.
-        transfer_scenarios, transfer_methods: scenarios and training methods whose success in
-            co-simulation is measured.
+        transfer_scenarios, transfer_methods: scenarios and training methods of the
+            table of success in co-simulation.
         transfer_quick: two episodes for every row of that table instead of all that it needs.
     """
 

@@ -1,6 +1,6 @@
 """`python -m benchmarks NAME`: what things cost, how they converge, and what helps.
 
-A benchmark is a module with `Options`, its command line, whose help is the module's docstring;
+A benchmark is a module with `Options`, its command line (its help is the module's docstring);
 `measure`, which takes them; and `show`, which prints what was measured: without it, figures by name
 and rows as tables.
 """

@@ -40,7 +40,7 @@ class Options(CommandOptions):
     round_s: Seconds = 60.0
     """Simulated time of a round in s."""
     episode_s: Seconds = 60.0
-    """Simulated time of the episodes whose sizes and opening times are measured, in s."""
+    """Simulated time of the episodes with measured sizes and opening times, in s."""
     viewer: bool = True
     """Whether to open recordings in the viewer; --no-viewer where there is no Vulkan."""
 

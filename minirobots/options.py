@@ -39,7 +39,7 @@ class Check(NamedTuple):
 
 
 def at_least(least: int) -> Check:
-    """Return the check of a number that is not below another one; None is one not given."""
+    """Return the check of a number that is at least `least`; None passes."""
     return Check(lambda name, value: require_at_least(least, **{name: value}))
 
 
@@ -70,7 +70,7 @@ Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
 ScenarioName = Annotated[
     str,
     tyro.conf.arg(
-        help="Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5, and 1a-zone to 4-zone, whose zone is "
+        help="Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5, and 1a-zone to 4-zone with the zone "
         "forbidden; 5-corridor, 5-slalom, 5-doorway; 4-cross, 4-ring, 6-swap; swarm-16, swarm-64, "
         "swarm-256, swarm-1024) or a scenario file (.toml)."
     ),
@@ -90,7 +90,7 @@ Friction = Annotated[
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
 class _Declared:
-    """Makes every subclass a frozen dataclass, whose fields are given by name."""
+    """Makes every subclass a frozen dataclass with fields that are given by name."""
 
     def __init_subclass__(cls) -> None:
         dataclass(frozen=True, kw_only=True)(cls)
@@ -109,7 +109,7 @@ class CommandOptions(_Declared):
                     check.require(name, each)
 
     def arguments(self, *without: str, **others: Any) -> dict[str, Any]:
-        """Return the options by name for a function that takes what they say.
+        """Return the options by name, as arguments of a function.
 
         Args:
             without: names that are left out, as those of `json`, `isolation` and `physics` are.
@@ -120,12 +120,12 @@ class CommandOptions(_Declared):
         return {name: getattr(self, name) for name in names} | others
 
     def interrupted(self) -> str:
-        """Return what is said after Ctrl-C, if anything."""
+        """Return the message after Ctrl-C, empty by default."""
         return ""
 
     @classmethod
     def defaults(cls, _arguments: list[str]) -> Self | None:
-        """Return what the command line changes; None for the defaults of the class."""
+        """Return defaults that the command line changes; None for those of the class."""
         return None
 
 
@@ -158,7 +158,7 @@ class Simulating(IsolatedOptions):
 
 
 class Distributed(CommandOptions):
-    """Options of a command whose jobs other processes and machines can compute."""
+    """Options of a command with jobs that other processes and machines can compute."""
 
     where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = field(default_factory=Workers)
 
@@ -169,7 +169,7 @@ class NewFolder(CommandOptions):
     prefix: ClassVar[str] = ""
 
     out: Folder | None = None
-    """Output folder; by default a new one in runs/, named by what they are of and the time."""
+    """Output folder; by default a new one in runs/, named by the command's subject and the time."""
 
     @property
     def subject(self) -> str:

@@ -36,7 +36,7 @@ class Look(msgspec.Struct, frozen=True):
         episodes: after which it was.
         allowed: most of them that may speak against the claim.
         level: its share of 1 - confidence.
-        chance: bound of the probability to pass it for a policy whose rate is the limit.
+        chance: bound of the probability to pass it for a policy with the limit as its rate.
     """
 
     episodes: int
@@ -91,7 +91,7 @@ class Certificate(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         claim: as text.
-        confidence: with which a verdict is right, whatever the policy.
+        confidence: with which a verdict is right, for any policy.
         verdict: certified, refused, or undecided as the episodes are too few.
         evidence, starts: see the classes.
         method: by which the policy was trained.
@@ -167,7 +167,7 @@ def known(
     """The completed prefix of the episodes of `Case.rounds`.
 
     Args:
-        case: whose episodes they are.
+        case: the case of the episodes.
         results: by index.
         most: of them that are looked at, None for all.
     """
@@ -193,7 +193,7 @@ def judge(
     """The verdict on a claim, and what it stands on.
 
     Args:
-        case: whose episodes they are.
+        case: the case of the episodes.
         test: that the claim has to pass.
         claim: to be judged.
         results: `known` ones.

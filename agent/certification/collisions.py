@@ -1,8 +1,8 @@
 """Estimate how probable collisions are, by splitting: levels are gaps between the robots.
 
 A branch is the episode of its root, simulated again with the same random numbers up to the RL step
-at whose end the robots were so close for the first time; from there on its speed noise and its
-camera frames are others. Branches are kept as they end.
+at the end of which the robots were so close for the first time. From there on its speed noise and
+its camera frames differ. Branches are kept as they end.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -192,7 +192,7 @@ class BranchJob:
         """Return what to simulate.
 
         Args:
-            entrances: receives the steps at whose ends the levels were reached.
+            entrances: receives the steps at the ends of which the levels were reached.
             last: receives the number of the last step.
         """
 

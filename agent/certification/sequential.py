@@ -76,7 +76,7 @@ class SequentialTest:
         return ClaimDecision("undecided", count, against)
 
     def chance(self, against: int, episodes: int) -> float:
-        """Bound of the probability of at most that many against a claim whose rate is the limit."""
+        """Bound of the probability of at most that many against a claim at its limit."""
         return _at_most(against, episodes, self.limit)
 
 

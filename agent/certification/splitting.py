@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Steps at whose ends an episode first reached the levels, as many as it did; never decreasing.
+# Steps at the ends of which an episode first reached the levels; never decreasing.
 Entrances = tuple[int, ...]
 
 
@@ -20,8 +20,8 @@ class Branch(NamedTuple):
     """An episode by its seeds.
 
     Attributes:
-        root: whose past it has.
-        forks: steps from whose start on it has other random numbers, and which ones.
+        root: the root that it shares its past with.
+        forks: steps from the start of which it has other random numbers, and which ones.
     """
 
     root: int

@@ -2,8 +2,8 @@
 
 Robots are rows of one single-agent learner, which is what sharing parameters means: skrl's
 multi-agent classes keep a network per agent. The critic of `ippo` sees what the robot sees, that of
-`mappo` the cells of all robots too. skrl's own trainer is left out: it knows no robots that wait
-for others.
+`mappo` the cells of all robots too. skrl's own trainer is not used: it does not support robots that
+wait for others.
 """
 
 from typing import Any

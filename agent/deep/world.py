@@ -84,7 +84,7 @@ class Gained(NamedTuple):
 
 
 class LearningGrid:
-    """Boards whose episodes begin in any free cells out of contact.
+    """Boards with episodes that begin in any free cells out of contact.
 
     Rewards get γ φ(s') − φ(s) more, and φ = 0 at the end: best policies stay the best (Ng, Harada
     and Russell 1999).

@@ -49,11 +49,11 @@ _NAMES = np.array(BY_RANK, dtype=object)
 
 
 class StartsError(UserError, ValueError):
-    """Start cells, seeds or masks of a reset that cannot be used; the message says which."""
+    """Invalid start cells, seeds or masks of a reset; the message names them."""
 
 
 class ActionError(UserError, ValueError):
-    """An action that cannot be taken; the message says whose."""
+    """An invalid action; the message names the robot."""
 
 
 class Results(NamedTuple):
@@ -66,7 +66,7 @@ class Results(NamedTuple):
         rewards: (K, N) float64.
         terminated: (K, N) bool, robots that arrived or failed in the step.
         truncated: (K, N) bool, robots still on their move when the episode ended in the step.
-        active: (K, N) bool, robots whose next action counts.
+        active: (K, N) bool, robots that use their next action.
     """
 
     outcomes: np.ndarray
@@ -209,7 +209,7 @@ class EnvBoards(Restorable, ABC):
 
 
 class DirectionBoards(EnvBoards):
-    """Boards whose robots choose directions."""
+    """Boards with robots that choose directions."""
 
     def joint(self, actions: Any) -> np.ndarray:
         """See `EnvBoards.joint`; (K, N) int64."""
@@ -260,7 +260,7 @@ def _observe(features: np.ndarray, grid: GridState, results: Results, m: int) ->
 
 @inlined
 def _begin(features: np.ndarray, grid: GridState, results: Results, m: int) -> None:
-    """Begin an episode on board m, whose robots have been placed."""
+    """Begin an episode on board m, after its robots have been placed."""
     grid.steps[m] = 0
     results.outcomes[m] = RUNNING
     grid.path_cells[m] = 0.0

@@ -127,7 +127,7 @@ class DrivePolicy:
 
 
 class DriveBoards(DynamicsBoards):
-    """Boards whose robots' motors are commanded; spaces as of `DriveVectorEnv`.
+    """Boards with robots that take motor commands; spaces as of `DriveVectorEnv`.
 
     Args:
         count: boards.

@@ -1,7 +1,7 @@
 """Boards in the full co-simulation, in the places of one batch: motors and contacts.
 
 Boards with one robot have the same bits in environments of one and of many boards. The boards of
-the grid are in `agent.envs.boards`, those whose motors are commanded in `agent.envs.drive`.
+the grid are in `agent.envs.boards`, those with commanded motors in `agent.envs.drive`.
 """
 
 import math
@@ -148,7 +148,7 @@ class DynamicsBoards(EnvBoards):
 
     @abstractmethod
     def _looked(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return observations (K, N, F), and whose next action counts while boards run, (K, N)."""
+        """Return observations (K, N, F), and the robots that use their next action, (K, N)."""
 
     def _show(self, rewards: np.ndarray, terminated: np.ndarray, truncated: np.ndarray) -> None:
         observations, active = self._looked()
@@ -178,7 +178,7 @@ class DynamicsBoards(EnvBoards):
 
 
 class CoSimBoards(DynamicsBoards, DirectionBoards):
-    """K boards whose robots adopt directions when they wait for one.
+    """K boards with robots that adopt directions when they wait for one.
 
     Args:
         count, limit: as of `DynamicsBoards`.

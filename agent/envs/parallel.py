@@ -128,7 +128,7 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
     Agents observe their features (Section III) as MultiDiscrete and choose
     one of eight directions; rewards are Eq. (8) and (11). A robot that arrives is terminated and
     stays where it is; a failure terminates the robots that failed and truncates those still on
-    their move, whose next state therefore still has a value. What is random in an environment that
+    their move, so that their next state still has a value. What is random in an environment that
     was never seeded comes from entropy.
     """
 
@@ -150,8 +150,8 @@ class NavigationParallelEnv(AgentsView, ParallelEnv[str, np.ndarray, int]):
 
         Args:
             scenario, process, options: see `agent.envs.vector.direction_boards`; of several robots
-                in the dynamics a step ends when any of them waits for an action, and `active` says
-                whose counts.
+                in the dynamics a step ends when any of them waits for an action, and `active`
+                marks the robots that use theirs.
             render_mode, outcome_names: as of `View`.
             max_cycles: limit of steps, after which robots still on their move are truncated.
             one_hot: observe a Box with a 0 or 1 for each value of each feature.

@@ -11,11 +11,11 @@ class ClosedError(UserError, ValueError):
 
 
 class StateError(UserError, ValueError):
-    """A state that is none of an environment's."""
+    """A state that does not fit the environment."""
 
 
 class Restorable:
-    """An object whose state can be saved and restored; the same bits follow.
+    """An object that saves and restores its state; the same bits follow.
 
     Attributes:
         closed: whether `close` has been called since the last `reset`.

@@ -29,7 +29,7 @@ Ends = Literal["together", "own"]
 class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Rows are the robots of `boards` boards, those of one board one after the other.
 
-    A board whose episode has ended begins again with its next step. A row has one end per episode:
+    A board begins again with the step after the end of its episode. A row has one end per episode:
     with `ends="together"` that of its board, until which a robot that has arrived stays where it
     is, with rewards of 0; with `ends="own"` the robot's own, after which `infos["active"]` is false
     in its row until the board begins again.
@@ -85,7 +85,7 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Begin episodes; one seed counts up over the boards, as entropy does without one.
 
         `options={"starts": (boards, robots, 2) cells}` gives the start cells,
-        `options={"reset_mask": (boards,) bool}` begins again on some boards only, whose seeds alone
+        `options={"reset_mask": (boards,) bool}` begins again on some boards only; their seeds alone
         are taken.
 
         Raises:
@@ -101,7 +101,7 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step all boards; one whose episode has ended begins again with its next step.
+        """Step all boards; a board begins again with the step after the end of its episode.
 
         Raises:
             ActionError: an action is none of the action space.
@@ -202,7 +202,7 @@ class RobotsVectorEnv(RowsVectorEnv):
     consecutive rows. Observations and rewards of a robot are those of `agent.envs.parallel_env`;
     of ends see `RowsVectorEnv`. Actions (any direction) of a robot that has arrived are
     ignored, and so are those of the step after a board's end, with which all its robots begin again
-    (next-step autoreset). `infos["active"]` says whose next action counts.
+    (next-step autoreset). `infos["active"]` marks the robots that use their next action.
 
     In the co-simulation boards advance together, 2 s of simulated time a step, in which robots
     under way ignore their actions. `reset(options={"mu": (boards,)})` gives friction coefficients,

@@ -1,8 +1,8 @@
 """Episodes of a policy from enumerated starts in the co-simulation.
 
 Every start has an index, every index its own noise: an episode is determined by its case and its
-index, whatever else runs, in whatever order. Results are kept by `agent.study.store`,
-statistics are `agent.evaluation.outcomes`, the command lines `cosim.evaluate` and `cosim.transfer`.
+index, not by other episodes or their order. Results are kept by `agent.study.store`, statistics
+are `agent.evaluation.outcomes`, the command lines `cosim.evaluate` and `cosim.transfer`.
 """
 
 from collections.abc import Callable, Iterator, Sequence

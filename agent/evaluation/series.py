@@ -68,13 +68,13 @@ class Series:
     Attributes:
         scenario, config: of every co-simulation.
         fmu: motor FMU file.
-        policy: acts, and names the process whose rewards are recorded.
+        policy: acts, and names the process of the recorded rewards.
         out: output folder; recordings go to `episodes/` in it.
         facts: what identifies the run; episode k draws from the seed sequence (seed, k).
         viewer: address of a running viewer that is sent what is recorded, if any.
         record: how much of every episode is recorded.
         progress: receives the simulated time of every episode.
-        sampled: indices of the robots whose signals are recorded, by default `sampled_of`.
+        sampled: indices of the robots with recorded signals, by default `sampled_of`.
     """
 
     scenario: Scenario

@@ -18,7 +18,7 @@ class Variant(NamedTuple):
         label: for people.
         scenario: name of a built-in scenario.
         process: readings of the decision process.
-        learning: learning configuration, whose number of episodes the command may change.
+        learning: learning configuration; the command may change its number of episodes.
     """
 
     label: str

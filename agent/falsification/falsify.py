@@ -35,7 +35,7 @@ REPORT_FILE, CASES_FILE = "falsification.json", "cases.json"
 
 @dataclass(frozen=True)
 class SearchedCase(Case):
-    """A case whose episodes have the starts, seeds and worlds that a search chooses.
+    """A case with the starts, seeds and worlds that a search chooses.
 
     Attributes:
         space: that it chooses from.

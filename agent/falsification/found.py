@@ -69,7 +69,7 @@ class FoundCase(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FoundCases(msgspec.Struct, frozen=True, kw_only=True):
-    """The content of cases.json: what determines every case besides its policy, FMU and the code.
+    """The content of cases.json: what determines a case except for its policy, FMU and the code.
 
     Attributes:
         scenario: board and robots.
@@ -102,7 +102,7 @@ class ReplayReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CaseFileError(UserError):
-    """A file of cases that cannot be used; the message says what to do instead."""
+    """Invalid file of cases. The message names the file and how to fix it."""
 
 
 _FILE = Kind("file of cases", "make it with `minirobots falsify`", CaseFileError)

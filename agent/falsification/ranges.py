@@ -43,7 +43,7 @@ DEFAULT: dict[str, Range] = {START: (0.0, 1.0), PHASE: (-180.0, 180.0), SEED: (0
 
 
 class RangeError(UserError):
-    """Ranges that cannot be searched; the message names the range and how to fix it."""
+    """Invalid ranges. The message names the range and how to fix it."""
 
 
 _FILE = Kind("file of ranges", "check the path given by --ranges", RangeError)
@@ -117,7 +117,7 @@ class Space:
 
     Attributes:
         scenario: board and starts.
-        config: as calibrated, whose world holds where there is no range.
+        config: as calibrated; its world applies where there is no range.
         declared: ranges by name; where one of DEFAULT is missing and has an effect, that holds.
 
     Raises:
@@ -225,7 +225,7 @@ class Space:
         if not (noisy or world.draws or blurred or config.shield):  # its detours are drawn
             why[SEED] = "where nothing is drawn"
         if not controlled:
-            why["motor_speed_noise"] = "with --open-loop motors, whose speed is not measured"
+            why["motor_speed_noise"] = "with --open-loop motors, which measure no speed"
         return why
 
     @cached_property

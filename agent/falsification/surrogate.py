@@ -109,7 +109,7 @@ def surrogate_search(
 
     Args:
         space: to choose from.
-        policy: whose episodes are searched.
+        policy: policy of the episodes that are searched.
         fmu: motor FMU file.
         objective: the smallest gap, or the longest time.
         seed: of the search.

@@ -48,7 +48,7 @@ class ProcessConfig:
     """Contact after the simultaneous moves (assumed), or at any moment of the straight moves; with
     robots and with obstacles."""
     partner_of_failed: PartnerUpdate = "ordinary"
-    """Update of the robots that did not fail when another did: as ever (assumed), -L as well, or
+    """Update of the robots that did not fail when another did: ordinary (assumed), -L as well, or
     none."""
     slip_probability: float = 0.0
     """Probability of moving 45 degrees left or right of the action while learning (assumed 0)."""

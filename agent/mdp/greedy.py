@@ -22,7 +22,7 @@ from cosim.recording.policy_map import PolicyMap
 
 
 class PolicyError(UserError):
-    """A policy file that cannot be used; the message says what to do instead."""
+    """Invalid policy file. The message names the file and how to fix it."""
 
 
 class GreedyPolicy(ABC):
@@ -63,7 +63,7 @@ class GreedyPolicy(ABC):
 
     @abstractmethod
     def arrays(self) -> dict[str, np.ndarray]:
-        """Return what its file holds besides the configuration, by name."""
+        """Return what its file holds in addition to the configuration, by name."""
 
     def save(self, path: Path | str) -> None:
         """Write `path` (.npz) and its configuration next to it (.json), each whole or not at all.

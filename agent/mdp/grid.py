@@ -2,7 +2,7 @@
 
 Not a learner and not an environment class: `agent.training.qlearning`, `agent.mdp.exact` and
 `agent.envs` all step these kernels, so that there is one process. A `world` is an (N, 11) int64
-array whose columns are named below; `agent.mdp.readings.Process` describes the board.
+array; its columns are named below; `agent.mdp.readings.Process` describes the board.
 """
 
 import numpy as np

@@ -38,7 +38,7 @@ class DrivenStep(Protocol):
 def failed(step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
     """(N,) bool, robots that failed in an RL step: they touched something or left the board.
 
-    A robot that had arrived before fails no more, whatever touches it; arguments as `step_reward`.
+    A robot that had arrived before does not fail when touched; arguments as `step_reward`.
     """
     return (step.events != RUNNING) & ~(arrived & (step.action < 0))
 

@@ -182,7 +182,7 @@ def _search(
         k: robot.
         axis: that it faces, from `begin` on, in s.
         begin: see `axis`.
-        parked: bits of the robots whose targets it goes round.
+        parked: bits of the robots with targets that it drives around.
         share: see `_is_clear`.
         reached: (cells, AXIS_COUNT, _SLICES) int16, working memory: the last search that has
             reached a cell with an axis in a slice of time.

@@ -3,7 +3,7 @@
 Robots are asked every RL step; where these are short, those in which no robot waits pass at once,
 up to 2 s. One that waits begins a move, drawn from the moves observed in
 co-simulation; the others are under way. Positions are continuous: a cell belongs to the robot
-whose centre is in it, contact is a distance of centres, or of a centre and an obstacle. The
+with its centre in it, contact is a distance of centres, or of a centre and an obstacle. The
 features are those of `agent.mdp.grid`, seen between cells as `cosim.onboard.observing` sees
 them. No learning here.
 """

@@ -4,7 +4,7 @@ P(Δcell, duration | direction, heading, previous direction) is kept as the move
 training draws whole moves (how long the turn took, when and where the robot stopped) instead of
 means. Moves of many worlds are kept by world, and a robot draws its world once per episode: robots
 that draw another for every move never fall into step, and never learn not to wait for each other
-for ever. Observing moves is `agent.moves`, moving robots by them `agent.moves.kernels`.
+permanently. Observing moves is `agent.moves`, moving robots by them `agent.moves.kernels`.
 """
 
 import math
@@ -29,7 +29,7 @@ KINDS = 2 * AXIS_COUNT  # straight or diagonal, and the turn before it
 
 
 class MovesError(UserError):
-    """A file of moves that cannot be used; the message says what to do instead."""
+    """Invalid file of moves. The message names the file and how to fix it."""
 
 
 class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

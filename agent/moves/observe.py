@@ -206,7 +206,7 @@ def observe_moves(
 
 def moves_path(config: CoSimConfig, fmu: Path, worlds: WorldRange | None = None) -> Path:
     """Return where the cache keeps the moves of these parameters and this FMU."""
-    code = code_digest(__name__, but=["fmus.build"])  # whose results `source_digest` has
+    code = code_digest(__name__, but=["fmus.build"])  # `source_digest` covers its results
     return cache_dir("moves") / f"{source_digest(config, fmu, worlds)}-{code}.json"
 
 

@@ -154,7 +154,7 @@ def move_seconds(moves: ObservedMoves) -> np.ndarray:
 
 
 def block_targets(after: np.ndarray, at: np.ndarray) -> None:
-    """Let no move lead next to another robot's target, whose cell robots would drift into.
+    """Let no move lead next to another robot's target cell, because robots would drift into it.
 
     Args:
         after: (N, cells, 8) int64, see `agent.mdp.joint.cells_after`; updated.
@@ -168,9 +168,9 @@ def block_targets(after: np.ndarray, at: np.ndarray) -> None:
 
 
 def moves_of_pair(process: Process, moves: ObservedMoves) -> PairTimes:
-    """Return what a pair knows of moves and of being alone, with a delay of 0 everywhere.
+    """Return a pair's costs of moves and of single robots, with a delay of 0 everywhere.
 
-    No move leads next to the other one's target, whose cell robots would drift into.
+    No move leads next to the other one's target cell, because robots would drift into it.
 
     Args:
         process: of two robots.

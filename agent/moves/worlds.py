@@ -100,7 +100,7 @@ def draw_world(
 
 
 def checked_ranges(worlds: Any, config: CoSimConfig) -> WorldRange:
-    """Return ranges whose worlds all can be, with μ.
+    """Return ranges of valid worlds, with μ.
 
     Args:
         worlds: as given to an environment.

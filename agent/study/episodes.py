@@ -173,7 +173,7 @@ def record(
     """Simulate episodes again that are not recorded, and record them, on this machine.
 
     Args:
-        chosen: indices of each case's starts whose results the store has.
+        chosen: indices of each case's starts with results in the store.
         store: of the results.
         threads: of the simulation.
         progress: receives how many are recorded.

@@ -1,6 +1,6 @@
 """Success with its 95 % Wilson interval, a panel for every axis and a colour for every series.
 
-A series whose name ends in ", shield" has the colour of the one without, and open squares.
+A series with a name that ends in ", shield" has the colour of the one without, and open squares.
 """
 
 from collections.abc import Callable, Mapping, Sequence

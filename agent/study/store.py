@@ -26,14 +26,14 @@ Row = TypeVar("Row", bound=msgspec.Struct)
 
 
 class Header(CaseIdentity, frozen=True, kw_only=True):
-    """The first line: whose rows these are."""
+    """The first line, which names the case of the rows."""
 
     digest: str
     schema_version: int = SCHEMA_VERSION
 
 
 class ResultFileError(UserError):
-    """A file of results that cannot be continued; the message says what to do instead."""
+    """Invalid file of results. The message names the file and how to fix it."""
 
 
 _LONGEST = 2**20  # bytes, far above what is written here

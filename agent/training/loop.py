@@ -61,7 +61,7 @@ ProgressCallback = Callable[[TrainingProgress], None]
 
 
 class TrainingLogError(UserError):
-    """Learning curves that cannot be read; the message names the file and how to fix it."""
+    """Invalid learning curves. The message names the file and how to fix it."""
 
 
 _FILE = Kind("file of learning curves", "train again", TrainingLogError)
@@ -81,7 +81,7 @@ class TrainingLog(NamedTuple):
         greedy_success: (G,) exact success rate over all starts (see `MAX_CURVE_STARTS`).
         greedy_path_length_cm: (G,) mean over robots and successful starts.
         greedy_steps: (G,) moves, the same mean.
-        map_episode: (S,) int64, episodes done at each moment whose maps are kept.
+        map_episode: (S,) int64, episodes done at each moment with maps.
         maps: (S, N, 3, columns, rows) float32, value, greedy direction and visits of each cell.
     """
 
@@ -110,7 +110,7 @@ class TrainingLog(NamedTuple):
         Raises:
             TrainingLogError: it is missing or damaged.
         """
-        # Curves from before maps were kept are as good as ever.
+        # Curves from before maps were kept are valid too.
         optional = tuple(cls._field_defaults)
         names = [name for name in cls._fields if name not in optional]
         return cls(**read_arrays(path, _FILE, names, optional))

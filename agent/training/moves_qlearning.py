@@ -2,7 +2,7 @@
 
 A robot that decides again k RL steps later has earned the rewards of those steps, discounted, and
 bootstraps with γ^k (a semi-Markov decision process). Tables, schedule and learning curves are those
-of `agent.training.qlearning`, whose loop this one replaces when training has moves. One loop for
+of `agent.training.qlearning`; this loop replaces its loop when training has moves. One loop for
 both would decide robot by robot and keep sums of rewards where on the grid all decide and learn at
 once: other draws in another order, hence other bits, and a slower grid.
 """

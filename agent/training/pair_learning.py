@@ -241,7 +241,7 @@ def advance_pair(
         model: their moves.
         learning: the schedule.
         times: see `agent.moves.pair.moves_of_pair`; delays are those of the state.
-        state: whose table `q` is the delays.
+        state: training state; its table `q` is the delays.
         until: episode.
         explorers: robots that explore in an episode, 1 or 2.
         unseen: in the shape of `q`, delays of commitments never met, from when exploration ends.

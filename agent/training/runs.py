@@ -52,7 +52,7 @@ _POLL_S = 0.2
 
 
 class RunsError(UserError):
-    """A folder of runs that cannot be used; the message says what to do instead."""
+    """Invalid folder of runs. The message names the folder and how to fix it."""
 
 
 _FILE = Kind("configuration of runs", "choose another --out", RunsError)

@@ -95,7 +95,7 @@ MAX_EPISODES, MAX_POINTS = 10**9, 10**7
 
 
 class LearningError(UserError):
-    """A learning configuration that cannot be used; the message names the field."""
+    """Invalid learning configuration. The message names the field."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ _Config = TypeVar("_Config", ProcessConfig, LearningConfig)
 
 
 class SettingsError(UserError):
-    """A settings file that cannot be used; the message names the field."""
+    """Invalid settings file. The message names the field."""
 
 
 _FILE = Kind("settings file", "check the path", SettingsError)

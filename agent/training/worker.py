@@ -36,7 +36,7 @@ _NUMBERS = ("episode", "agent_steps")
 
 
 class CheckpointError(UserError):
-    """A checkpoint that cannot be read."""
+    """Invalid checkpoint."""
 
 
 _FILE = Kind("checkpoint", "train from the start", CheckpointError)
@@ -107,7 +107,7 @@ def load_checkpoint(path: Path, config: PolicyConfig, fresh: TrainingState) -> T
     Args:
         path: of the checkpoint.
         config: of the run.
-        fresh: the run's initial state, whose shapes the checkpoint must have.
+        fresh: the run's initial state; the checkpoint must have its shapes.
     """
     try:
         arrays = read_arrays(path, _FILE, (*_ARRAYS, *_NUMBERS, "config"))

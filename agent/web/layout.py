@@ -43,8 +43,8 @@ PARTS = {
     "filter": EstimatorParams._fields,
 }
 
-# What determines an episode besides policy, starts and seed; units are SI, of lengths cells where
-# nothing is said.
+# What determines an episode except for policy, starts and seed; units are SI, lengths in cells
+# where nothing is said.
 SETUP = _fields(
     "robots columns rows cell_m contact_squared near_squared medium_squared states hidden "
     "any_target walls closed patches control_period_s ticks_per_period decision_periods "

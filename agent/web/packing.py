@@ -125,7 +125,7 @@ def pack(policy: PagePolicy, scenario: Scenario, config: CoSimConfig) -> Packed:
     contact, ticks = body.contact, config.ticks_per_period
     steering = config.steering._asdict()
     closed, patches = scenario.closed * scenario.cell_m, floor_patches(scenario, config)
-    patches[1 : 2 * config.world.edge, 4] = np.nan  # the board itself, whose mu the page may change
+    patches[1 : 2 * config.world.edge, 4] = np.nan  # the board itself; the page may change its mu
     facing = math.pi / 2.0 / 2.0  # of robots at their start, halved
     motor = config.motor._asdict() | {"step_size": timing.dt_s}
     parameters = load_table("VibrationMotors").group("parameter")

@@ -47,7 +47,7 @@ _TARGETS, _BOARD = "property:episode:targets_m", "property:episode:board_m"
 
 
 class CatalogError(UserError):
-    """Recordings that cannot be served; the message names the place and how to fix it."""
+    """Error in serving recordings. The message names the place and how to fix it."""
 
 
 class Dataset(msgspec.Struct, frozen=True):
@@ -56,7 +56,7 @@ class Dataset(msgspec.Struct, frozen=True):
     Attributes:
         name: of the folder, from the one that is browsed.
         address: for the viewer.
-        episodes: by column of `COLUMNS`, None where a recording does not say it; besides the
+        episodes: by column of `COLUMNS`, None where a recording lacks it; also the
             `recording` and its `file`.
         left_out: files that the server did not take: damaged ones, and repeated recordings.
     """

@@ -1,1 +1,1 @@
-"""Recordings for programs that know no Rerun: every signal with its unit and time."""
+"""Recordings for programs without Rerun: every signal with its unit and time."""

@@ -16,7 +16,7 @@ Format = Literal["parquet", "csv", "mcap", "mat"]
 
 
 class ExportError(UserError):
-    """A format that cannot be written here, or a choice of nothing; the message says why."""
+    """Unsupported format or empty selection. The message names the reason."""
 
 
 def chosen(

@@ -78,7 +78,7 @@ def caption(result: PlatformResult) -> Caption:
         "Motion of the 1-DOF platform over turns of the motor (left), in one turn (middle), and "
         "driving force next to the friction that holds (right)",
         "above a critical motor speed the platform slides, and in one turn it exhibits a net "
-        "displacement whose size depends on the motor speed.",
+        "displacement that depends on the motor speed.",
         (
             f"The platform that resembles the printed figure moves "
             f"{numbers['paper_step_um'] / 1e3:.2f} mm a turn at "

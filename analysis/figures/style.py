@@ -22,7 +22,7 @@ NOTHING = "–"  # where a number has no value
 
 
 class FigureError(UserError):
-    """A figure that cannot be drawn or written as asked."""
+    """Error in drawing or writing a figure. The message names the fix."""
 
 
 def use_style() -> None:

@@ -16,7 +16,7 @@ from cosim.model.params import FIG_7, TABLE_II, motor_time_constant
 
 DURATION_S, SAMPLE_S = 2.0, 1e-3
 STEP_S = 1e-5  # of the FMU
-# From Table II to the gain whose zero cancels the motor's pole.
+# From Table II to the gain with a zero that cancels the motor's pole.
 INTEGRAL_GAINS = (TABLE_II.K_i, 2.0 * TABLE_II.K_i, TABLE_II.K_p / motor_time_constant(TABLE_II))
 
 

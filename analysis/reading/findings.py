@@ -1,7 +1,7 @@
 """Findings in an episode: saturation, slipping, lift-offs, near misses, moves given up.
 
-Works on what a recording holds (`cosim.recording.reader`); a finding whose signals a recording
-lacks is left out. Nothing is printed here.
+Works on what a recording holds (`cosim.recording.reader`); a finding is left out if a
+recording lacks its signals. Nothing is printed here.
 """
 
 from collections.abc import Iterator

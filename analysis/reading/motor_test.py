@@ -13,7 +13,7 @@ LOOPS = ("open_loop", "closed_loop")
 
 
 class MotorTestError(UserError):
-    """A motor test that cannot be run or read; the message names the file and how to fix it."""
+    """Failed or invalid motor test. The message names the file and how to fix it."""
 
 
 class Response(NamedTuple):

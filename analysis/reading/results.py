@@ -10,11 +10,11 @@ from pathlib import Path
 
 from cosim.model.built_in import PAPER
 
-# Episodes of a scenario whose paths Fig. 9 or 12 shows: the paper draws many of one robot on one
+# Episodes of a scenario with paths in Fig. 9 or 12: the paper draws many of one robot on one
 # board, and few of a pair.
 SINGLE_EPISODES, PAIR_EPISODES = 6, 2
-# Methods whose policies drive them, from the same starts with the same noise: the paper's, and the
-# one that learns on moves observed in the co-simulation.
+# Methods of the policies that drive them, from the same starts and noise: the paper's, and
+# the one that learns on moves observed in the co-simulation.
 DRIVEN_BY = ("paper", "moves")
 
 

@@ -1,4 +1,4 @@
-"""Contents of a report besides tables: figures and recordings, placed in the report's folder.
+"""Contents of a report except for tables: figures and recordings, placed in the report's folder.
 
 Finds what a results folder has; how it looks is the business of `analysis/templates`.
 """
@@ -39,7 +39,7 @@ class Picture(NamedTuple):
 
 
 class ReportError(UserError):
-    """A report that cannot be made as asked."""
+    """Error in making a report. The message names the fix."""
 
 
 class Watchable(NamedTuple):

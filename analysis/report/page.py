@@ -46,7 +46,7 @@ def write_report(
     Raises:
         ReportError: there is no results folder, or no such episode.
         ResultError, TimingsError: a result is damaged.
-        WebViewerError: the viewer's files cannot be had.
+        WebViewerError: the viewer's files are not available.
         BuildError: the pages that play cannot be compiled.
     """
     if not results.is_dir():

@@ -22,7 +22,7 @@ PAGE = "index.html"
 
 
 class ServeError(UserError):
-    """A folder or port that cannot be served."""
+    """Invalid folder or port of a server. The message names the fix."""
 
 
 class _Server(ThreadingHTTPServer):
@@ -103,7 +103,7 @@ def server(folder: Path, port: int = 0) -> ThreadingHTTPServer:
         port: 0 takes a free one.
 
     Raises:
-        ServeError: the folder holds no report, or the port cannot be had.
+        ServeError: the folder holds no report, or the port is not available.
     """
     if not (folder / PAGE).is_file():
         raise ServeError(

@@ -37,8 +37,8 @@ class Options(CommandOptions):
     repeats: Count = 10
     """Rounds of both, in turn; the best of each counts."""
     vmas: bool = False
-    """Also time navigation of VMAS with two agents (`uv run --with vmas`), whose physics are discs
-    with forces and drag, in steps of 0.1 s."""
+    """Also time navigation of VMAS with two agents (`uv run --with vmas`), which moves discs
+    by forces with drag, in steps of 0.1 s."""
 
 
 def vector_steps_per_s(env: gym.vector.VectorEnv, actions: np.ndarray) -> float:

@@ -97,7 +97,7 @@ def lessons(setup: Setup, episodes: int = LESSONS) -> np.ndarray:
 
 
 def simulate(number: int, kind: Adversary, episodes: int, setup: Setup, table: np.ndarray) -> Block:
-    """A block; it is determined by its number and the rest, whatever else runs."""
+    """A block; it is determined by its number and the rest, not by other blocks."""
     root = np.random.SeedSequence(number)
     rng = np.random.default_rng(root)
     learnt = Learnt(rng, table.copy()) if kind == "learnt" else None

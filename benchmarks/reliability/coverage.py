@@ -41,7 +41,7 @@ _RESAMPLES = 999
 
 
 def of_means(name: str, runs: int, samples: int, seed: int) -> dict[str, Any]:
-    """Shares of the samples of a distribution whose intervals hold the mean.
+    """Shares of a distribution's samples with intervals that contain the mean.
 
     A Student interval may be wrong, and samples have none where `mean_intervals` gives none.
     """
@@ -59,7 +59,7 @@ def of_means(name: str, runs: int, samples: int, seed: int) -> dict[str, Any]:
     }
     for method in ("percentile", "BCa"):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # samples whose values are all equal
+            warnings.simplefilter("ignore")  # samples of equal values
             ends = bootstrap(
                 (values,),
                 np.mean,
@@ -85,7 +85,7 @@ def of_rates(episodes: int) -> dict[str, Any]:
 
 
 def of_splitting(roots: int, samples: int, seed: int) -> dict[str, Any]:
-    """Share of the samples whose interval of `--splitting` holds the rate of collisions.
+    """Share of samples with an interval of `--splitting` that contains the rate of collisions.
 
     3 of 10 roots have four branches, which collide with a chance of their own.
     """

@@ -30,7 +30,7 @@ PASSED, FAILED = 0, 1  # exit statuses of pytest
 
 class Options(CommandOptions):
     parts: tuple[Part, ...] = get_args(Part)
-    """Parts of the project whose faults are tried, all by default."""
+    """Parts of the project with faults to try, all by default."""
 
 
 def _first_failure(folder: Path, tests: Iterable[str]) -> str:

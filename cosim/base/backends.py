@@ -16,7 +16,7 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 from cosim.base.errors import installing
 from cosim.base.jobs import Backend, BackendError, Workers, always
 
-ATTEMPTS = 4  # of a task whose worker died; a task that kills every worker should not run for ever
+ATTEMPTS = 4  # of a task after its worker died; a task that kills every worker must end
 
 CONNECT_TIMEOUT_S = 10.0  # to a cluster's head
 

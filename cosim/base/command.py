@@ -72,7 +72,7 @@ def parse(
     """Options of a command line.
 
     Args:
-        options: dataclass whose docstrings are the help.
+        options: dataclass; its docstrings are the help.
         module: of the command; `minirobots` names it by its sub-command.
         arguments: of the command line, by default those of the process.
         default: what the command line changes, instead of the dataclass's own defaults.

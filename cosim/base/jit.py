@@ -29,7 +29,7 @@ _PLAIN: bool = config.DISABLE_JIT  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def uninterrupted(function: Kernel) -> Kernel:
-    """The function, at whose end SIGINT and SIGTERM arrive that came within it."""
+    """The function; SIGINT and SIGTERM that came within it arrive at its end."""
 
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
@@ -58,7 +58,7 @@ _into_callers = [False]  # of the functions being compiled, the innermost last; 
 
 
 def _left_out_for_inlined(owner: type, step: str) -> None:
-    """Leave a step of numba out for functions whose code goes into their callers and nowhere else.
+    """Skip a step of numba for functions that are compiled into their callers only.
 
     Optimization and machine code of such functions are a sixth of the time of compiling.
     """
@@ -134,7 +134,7 @@ def kernel(function: Kernel) -> Kernel:
 
 
 def is_compiled(function: Callable) -> bool:
-    """Return whether the cache has machine code of a kernel, for whatever arguments."""
+    """Return whether the cache has machine code of a kernel, for any arguments."""
     return _PLAIN or KernelCache(getattr(function, "py_func", function)).path.exists()
 
 

@@ -24,7 +24,7 @@ _CLUSTER = 64  # workers that a cluster at an address is taken to have
 
 
 class BackendError(UserError):
-    """A backend that cannot be used; the message says what to do instead."""
+    """Unavailable backend. The message names the fix."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +129,7 @@ def run(
     progress: Progress = silent,
     task: str = "episodes",
 ) -> Iterator[tuple[SomeJob, Row]]:
-    """Compute the jobs whose rows are missing, and keep each row at once.
+    """Compute the jobs without rows, and keep each row at once.
 
     A worker that dies costs its group only, which is computed again.
 

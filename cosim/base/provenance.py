@@ -1,4 +1,4 @@
-"""Provenance of results besides code: the hash of its inputs, and versions of libraries."""
+"""Provenance of results except for code: the hash of its inputs, and versions of libraries."""
 
 import hashlib
 import importlib.metadata

@@ -1,8 +1,8 @@
-"""The identity of code: what a result depends on, whatever files and messages are called.
+"""The identity of code: what a result depends on, without names of files and texts of messages.
 
 A stored result is found again while the code that decides its bits is the same. That code is what a
 function reaches: functions and classes that it names, constants that they read, and methods of
-reached classes whose names occur in it. The hash is of their syntax without names of modules,
+reached classes with names that occur in it. The hash is of their syntax without names of modules,
 imports, docstrings, annotations, log lines, and without prose, which is every text with a space in
 it. More may be reached than is called; less may not.
 """
@@ -258,7 +258,7 @@ class _SyntaxReader:
         return f"{type(node).__name__}({','.join(fields)})"
 
     def _read_annotation(self, node: ast.AST | None) -> None:
-        """Remember classes whose objects a function receives: their methods may be called."""
+        """Remember the classes of a function's arguments: their methods may be called."""
         for inner in ast.walk(node) if node else ():
             if isinstance(inner, ast.Name):
                 self.names.add(inner.id)

@@ -82,7 +82,7 @@ def refuse_pointer(path: Path, error: type[UserError]) -> None:
 
 @contextlib.contextmanager
 def parsing(path: Path, kind: Kind) -> Iterator[None]:
-    """Take whatever fails inside for the fault of the file's content.
+    """Report any failure inside as a fault of the file's content.
 
     Raises:
         UserError: `kind.error`, which names the file and what failed.

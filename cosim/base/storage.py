@@ -38,7 +38,7 @@ PACKAGED = Path(__file__).parents[1] / "packaged"  # results of the default conf
 
 
 class StorageError(UserError):
-    """A place where a file cannot be put; the message names it and how to fix it."""
+    """Invalid place for a file. The message names it and how to fix it."""
 
 
 def cache_dir(kind: str) -> Path:
@@ -219,7 +219,7 @@ def _folder_of_process() -> "tempfile.TemporaryDirectory[str]":
 
 
 def named(path: Path | str, ending: str) -> Path:
-    """Return the path of a file to write, by whose `ending` programs know its kind.
+    """Return the path of a file to write; programs find its kind by its `ending`.
 
     Raises:
         StorageError: its name ends otherwise.

@@ -62,7 +62,7 @@ def _cells(columns: Columns, rows: Iterable[Any]) -> Iterable[list[str]]:
 
 
 def write_report(path: Path, report: Any, text: str) -> None:
-    """Write a report as JSON and what it says as Markdown next to it, each whole or not at all.
+    """Write a report as JSON and its table as Markdown next to it, each whole or not at all.
 
     Args:
         path: of both, without a suffix.

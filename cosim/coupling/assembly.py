@@ -88,7 +88,7 @@ def check_motors(
         fmu: of every motor.
         config: all parameters.
         robots: their number.
-        adaptive: whether communication steps vary, from dt upwards, and are taken back.
+        adaptive: whether communication steps vary, from dt upwards, and are rolled back.
 
     Raises:
         FmuError: it lacks a capability.
@@ -139,11 +139,11 @@ class Motors:
             fmu: of every motor.
             config: all parameters.
             columns: of the robots.
-            sampled: whether the FMU is stepped by whole control periods, and hands out samples
+            sampled: whether the FMU is stepped by whole control periods, and returns samples
                 at the ends of the communication steps in them.
 
         Raises:
-            FmuError: they are to be in open loop, and the FMU cannot be.
+            FmuError: open loop is asked for, and the FMU does not support it.
         """
         if "motors" in config.open_loop:
             fmu = MotorFmu(fmu.path, open_loop=True)

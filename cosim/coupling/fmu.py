@@ -45,7 +45,7 @@ class Addresses(NamedTuple):
 
 
 class Sampling(NamedTuple):
-    """Samples that a step of an FMU hands out: their number, and the time between two in s."""
+    """Samples that a step of an FMU returns: their number, and the time between two in s."""
 
     number: int
     interval_s: float
@@ -128,7 +128,7 @@ class MotorFmu(Fmu):
         return np.array([self.variables[n].valueReference for n in SAMPLED], dtype=np.uint32)
 
     def internal_step_s(self) -> float | None:
-        """Internal step unless it is set, None if that cannot be."""
+        """Internal step unless it is set, None if the FMU has none."""
         variable = self.variables.get(STEP_SIZE)
         return None if variable is None else float(variable.start or 0.0)
 
@@ -207,7 +207,7 @@ class MotorFmu(Fmu):
             slave.setFloat64([reference], [sampling.interval_s])
 
     def restart(self, slave: Any, runs: np.ndarray) -> None:
-        """Restart the motors of an instance of arrays whose number has changed."""
+        """Restart the motors of an instance of arrays where the number of a run has changed."""
         slave.setInt64([self.variables[RESTART].valueReference], runs.tolist())
 
 
@@ -266,7 +266,7 @@ class Motor:
             self.slave.setFloat64(self.fmu.inputs, values)
 
     def restart(self, runs: np.ndarray) -> None:
-        """Restart motors of arrays whose number, (motors,) int64, has changed."""
+        """Restart motors of arrays where the number of a run, (motors,) int64, has changed."""
         with self._named_errors(0.0, "refuses to restart motors"):
             self.fmu.restart(self.slave, runs)
 

@@ -3,7 +3,7 @@
 Units are those of the project's own motor (`fmus.variables`). A unit is what its definition in SI
 base units says, whatever its name; a variable without a unit is taken to be in the right one.
 
-An FMU of many motors has all of them as arrays whose only dimension is one structural parameter,
+An FMU of many motors has all of them as arrays; their only dimension is one structural parameter,
 and an Int64 input of that size, `restart`: a motor restarts in the step after its number has
 changed. The project's own is `VibrationMotors`.
 """
@@ -125,7 +125,7 @@ def check_use(
         interface: its capabilities.
         motors: instances at the same time.
         least_step_s: communication step, or the one that all others are multiples of.
-        adaptive: whether communication steps vary and are taken back.
+        adaptive: whether communication steps vary and are rolled back.
 
     Raises:
         FmuError: it lacks one.

@@ -58,7 +58,7 @@ _LARGEST = float(np.finfo(np.float64).max)
 
 
 class Plant(NamedTuple):
-    """Constants of the coupled system; no arrays, whose references numba would count all the time.
+    """Constants of the coupled system; no arrays, because numba would count their references.
 
     Attributes:
         robots: of an episode.

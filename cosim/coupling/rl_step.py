@@ -10,13 +10,13 @@ from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.outcome import Outcome
 from cosim.onboard.features import DIRECTION_COUNT, Observation
 
-SAMPLED = 64  # robots whose signals are all kept: of an RL step of 2 s they take 58 MB
-SOME = 4  # of more robots, those whose signals are kept if none are named
+SAMPLED = 64  # robots with all signals kept: of an RL step of 2 s they take 58 MB
+SOME = 4  # of more robots, the number that keep signals if none are named
 POSES_S = 0.1  # between the poses of more robots
 
 
 def sampled_of(robots: int, named: Sequence[int] = ()) -> tuple[int, ...]:
-    """Return the indices of the robots whose signals are kept.
+    """Return the indices of the robots with kept signals.
 
     Args:
         robots: number of robots.

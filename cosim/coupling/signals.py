@@ -283,7 +283,7 @@ def with_room(state: State, obstacles: int, patches: int, forbidden: int = 0) ->
 def columns_of(robots: int, lanes: int) -> int:
     """Return the columns of a state of some robots in all, whole vectors of `lanes`.
 
-    Many are an odd number of cache lines: rows whose distance is a power of two would have the
+    Many are an odd number of cache lines: rows at a distance of a power of two would have the
     same few places in the processor's caches.
     """
     columns = -(-robots // lanes) * lanes

@@ -57,7 +57,7 @@ _FOLDERS = (fmpy.platform_tuple, fmpy.platform)  # of binaries, of FMI 3.0 and 2
 
 
 class FmuError(UserError):
-    """An FMU that cannot be used, or that failed while it ran; the message names it."""
+    """Invalid FMU, or failure of a running one. The message names it."""
 
 
 class Fmu:
@@ -114,7 +114,7 @@ class Fmu:
         except FmuError:
             raise
         except Exception as error:  # fmpy raises plain Exceptions and those of zip and XML
-            # Not the archive's fault, unless it leads to a place in the file that cannot be.
+            # Not the archive's fault, unless it leads to an invalid place in the file.
             if isinstance(error, OSError) and error.errno != errno.EINVAL:
                 raise
             reason = " ".join(str(error).split())
@@ -220,7 +220,7 @@ class Fmu:
                 weakref.finalize(self._loaded, fmpy.freeLibrary, self._loaded.dll._handle)
             slave = copy.copy(self._loaded)
             slave.instanceName, slave.loaded = name, self._loaded  # which outlives it so
-            # A reference to the slave in the callback would keep both for ever.
+            # A reference to the slave in the callback would keep both alive.
             if self.standard == 3:
                 returning = {"eventModeUsed": events, "earlyReturnAllowed": events}
                 slave.instantiate(
@@ -238,7 +238,7 @@ class Fmu:
         """Return the error that names the instance that failed, the time, and its last message.
 
         Args:
-            slave: that failed, whose end is then without calls that the standards forbid; or None.
+            slave: that failed; its end then leaves out calls that the standards forbid; or None.
             name: of the instance.
             log: what the FMU has reported.
             time_s: simulated time in s.
@@ -263,7 +263,7 @@ def check_steps(
         said: what it is called in messages.
         step: name and duration in s of the communication step, or of the one that all others are
             multiples of.
-        varied: None if steps are all equal; where they vary and are taken back, what needs that
+        varied: None if steps are all equal; where they vary and are rolled back, what needs that
             and how to do without.
 
     Raises:
@@ -324,7 +324,7 @@ def _told(environment: int, _name: Any, status: int, _category: Any, text: Any) 
 def _formatting_logger() -> Any:
     """Return fmpy's C function that fills in arguments as printf does, then calls `_told`.
 
-    It calls one function for the whole process, whose environment tells the instance.
+    It calls one function for the whole process; its environment identifies the instance.
     """
     callbacks = fmi2CallbackFunctions(logger=_told)
     addLoggerProxy(ctypes.addressof(callbacks))

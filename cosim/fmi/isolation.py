@@ -28,7 +28,7 @@ from cosim.base.storage import CACHE, temporary_folder
 from cosim.model.config import ConfigError
 
 _NOTES = "MINIROBOTS_NOTES"  # folder of the notes, in the environment of a child
-_ENDED = "ended"  # note of a child whose results are whole, with its exit status
+_ENDED = "ended"  # note of a child with complete results, with its exit status
 _FAILED = "failed"  # note of what an FMU failed with
 _LOOK_S = 0.1  # between two looks at the notes, and at the parent
 _LIMIT_S = 300.0  # the reference driver may take a minute for an RL step
@@ -58,7 +58,7 @@ class Isolation:
         """Continue in a child process if FMUs are to be isolated: returns only where they may run.
 
         Args:
-            module: of the command, whose arguments are those of this process.
+            module: of the command; its arguments are those of this process.
             foreign: FMU that is not built in, or archive of such, if any.
 
         Raises:

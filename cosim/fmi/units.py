@@ -1,4 +1,4 @@
-"""Units of FMU variables: what their definitions in SI base units say, whatever their names."""
+"""Units of FMU variables, by their definitions in SI base units, with any names."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

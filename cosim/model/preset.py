@@ -38,7 +38,7 @@ _FOLDER = Path(__file__).parent
 
 
 class PresetError(UserError):
-    """A preset that cannot be used; the message names the table, the field and how to fix it."""
+    """Invalid preset. The message names the table, the field and how to fix it."""
 
 
 _FILE = Kind("preset file", "check the path", PresetError)

@@ -30,7 +30,7 @@ MAX_WALLS = 1000  # rectangles that the dynamics look at one by one
 
 
 class ScenarioError(UserError):
-    """A scenario that cannot be used; the message names the field and how to fix it."""
+    """Invalid scenario. The message names the field and how to fix it."""
 
 
 def touches_obstacle(x: Any, y: Any, squared_radius: Any, obstacles: np.ndarray) -> Any:
@@ -244,7 +244,7 @@ class Scenario:
         return (cell[0] + 0.5) * self.cell_m, (cell[1] + 0.5) * self.cell_m
 
     def digest(self) -> str:
-        """Hash (16 hex digits) of the geometry, whatever name and title are."""
+        """Hash (16 hex digits) of the geometry, without name and title."""
         geometry = {k: v for k, v in asdict(self).items() if k not in {"name", "title"}}
         if not self.zone_is_obstacle:
             del geometry["zone_is_obstacle"]  # as before there was this field

@@ -32,7 +32,7 @@ def find_scenario(name_or_path: str | Path | Scenario, *, ideal: bool = False) -
 
     Raises:
         ScenarioError: there is no such scenario, or the file does not describe one.
-        WorldError: the world cannot be, or is refused.
+        WorldError: the world is invalid, or is refused.
     """
     scenario, world = find_in_world(name_or_path)
     if ideal and msgspec.structs.replace(world, obstacles=()) != IDEAL:
@@ -54,7 +54,7 @@ def find_in_world(
 
     Raises:
         ScenarioError: there is no such scenario, or the file does not describe one.
-        WorldError: the world cannot be, or both files have one.
+        WorldError: the world is invalid, or both files have one.
     """
     name, own, declared = str(scenario), IDEAL, world
     if isinstance(declared, str | Path):
@@ -153,7 +153,7 @@ def _read(path: Path) -> tuple[Scenario, World]:
 
     Raises:
         ScenarioError: the file is missing, no TOML, or a field is wrong; the message names it.
-        WorldError: the world cannot be.
+        WorldError: the world is invalid.
     """
     try:
         file = msgspec.convert(read_toml(path, _FILE), _ScenarioFile)

@@ -162,7 +162,7 @@ def correct(
         innovation = seen[row] - estimate[_STATE + row]
         if row == 2:
             innovation = wrapped(innovation)
-        # Eq. (K3): the gain, a column; kept apart from Σ, whose row is used until the end
+        # Eq. (K3): the gain, a column; kept apart from Σ, because its row is used until the end
         gain = sigma[row] / spread, sigma[3 + row] / spread, sigma[6 + row] / spread
         ahead = sigma[3 * row], sigma[3 * row + 1], sigma[3 * row + 2]
         for i in range(3):

@@ -1,6 +1,6 @@
 """From poses to what a policy sees, and where episodes start: the grid laid over the dynamics.
 
-A cell belongs to the robot whose centre is in it; distance class (Eq. 9) and gradient sign
+A cell belongs to the robot with its centre in it; distance class (Eq. 9) and gradient sign
 (Eq. 10) are those of the cells, the sign since the robot's own last decision. Kernels here and in
 `cosim.onboard.yielding` take C-contiguous arrays; another layout costs another compilation.
 """

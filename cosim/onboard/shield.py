@@ -157,7 +157,7 @@ def _retreat(
 
 @inlined
 def plan_margin(estimates: np.ndarray, params: ShieldParams) -> float:
-    """Gap in m between plans of robots whose drives the shield will not end, unless they stray."""
+    """Gap in m between plans at which the shield ends no drives, unless robots stray."""
     largest = second = 0.0
     for i in range(len(estimates)):
         variance = variance_of(estimates[i])

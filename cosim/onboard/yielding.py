@@ -4,7 +4,7 @@ That gets robots past each other; that they never touch is the monitor's part
 (`cosim.onboard.shield`).
 
 A plan is the line from where a robot is to where it is going; a robot that stands has a point. A
-move whose plan is blocked by a robot that is moving waits for it; one blocked by a robot that
+move with a plan that is blocked by a moving robot waits for it; one blocked by a robot that
 stands, by an obstacle or by the board's edge yields to the nearest direction that is free. Policies
 know nothing of this, and it knows nothing of policies.
 """
@@ -173,7 +173,7 @@ def _meets(
         plan: line in m.
         least_m: distance that is kept.
         owners: (M,) robots for which a rectangle counts for nothing.
-        robot: whose plan it is; −1 where all rectangles count.
+        robot: robot of the plan; −1 where all rectangles count.
     """
     reach_m = _length(plan) + least_m
     for k in range(len(rectangles)):

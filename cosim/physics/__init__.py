@@ -1,1 +1,1 @@
-"""Rigid bodies, feet and contacts as kernels; knows no FMU."""
+"""Rigid bodies, feet and contacts as kernels, without FMUs."""

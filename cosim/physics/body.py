@@ -60,7 +60,7 @@ def at_axis(velocity: Vector, omega: Vector, params: BodyParams) -> Vector:
 
 @inlined
 def _times(diagonal: Vector, product: float, v: Vector, params: BodyParams) -> Vector:
-    """Product of a tensor, whose only other element is xy, and a vector."""
+    """Product of a tensor, with xy as its only other element, and a vector."""
     x, y, z = diagonal[0] * v[0], diagonal[1] * v[1], diagonal[2] * v[2]
     if params.off_axis:
         x, y = x + product * v[1], y + product * v[0]
@@ -202,7 +202,7 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
     v, omega, total = with_impulses(free_velocity, free_omega, params, normal, at_a, at_b, at_c)
     change = select(body.position[2] < math.inf, math.inf, 0.0)
     for _ in range(contact.max_sweeps):
-        # A lane whose sweeps have ended keeps what it has, to the bit, and so changes no more.
+        # A lane that has ended its sweeps keeps its values, to the bit, and so changes no more.
         going_on = change >= contact.tolerance
         if not any_lane(going_on):
             break

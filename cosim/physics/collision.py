@@ -176,7 +176,7 @@ def push_off(
     Args:
         bodies: (STATE_SIZE, B).
         properties: (PROPERTIES, B), see `cosim.physics.properties`.
-        column: of the robot, whose centre is not in the obstacle.
+        column: of the robot; its centre is not in the obstacle.
         rectangle: left, bottom, right, top in m.
         pair: contact parameters.
         inverse_dt: of the tick, 1/s.

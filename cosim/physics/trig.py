@@ -1,7 +1,7 @@
 """Sine and cosine of one angle together, and arctangents, without a C library.
 
 Together they take half the time of two library calls. Functions with an argument `portable` call
-the C library where it is false, whose last bits differ from machine to machine.
+the C library where it is false; its last bits differ from machine to machine.
 
 Sine and cosine: three-part Cody–Waite reduction to [−π/4, π/4] and the minimax polynomials of
 Cephes; within 2.3e-16 of the library up to |x| = 1e6 rad, some 20 minutes of a motor

@@ -37,7 +37,7 @@ def episode_blueprint(
     """Arena above timelines of actions on the left, tabs of plots on the right.
 
     Args:
-        robots: number of robots, or indices of those whose signals are shown.
+        robots: number of robots, or indices of those with signals to show.
         size_m: width and height of the board, for the eye.
         bursts: whether bursts at every tick are recorded.
         policies: whether the robots' policies are drawn on the floor.
@@ -202,7 +202,7 @@ def training_blueprint(robots: int, columns: int = 0, rows: int = 0) -> rrb.Blue
     """Learning curves on the left, value maps and visits on the right; only curves of no robot.
 
     Args:
-        robots: whose maps are recorded.
+        robots: robots with recorded maps.
         columns, rows: of the maps.
     """
     names = robot_names(robots)

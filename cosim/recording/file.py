@@ -41,7 +41,7 @@ _END, _END_BYTES = b"RRF2FOOT", 12  # of a whole file
 
 
 class RecordingError(UserError):
-    """A recording that cannot be written; the message names the file and how to fix it."""
+    """Error in writing a recording. The message names the file and how to fix it."""
 
 
 class _Rows(NamedTuple):
@@ -250,7 +250,7 @@ class Recording(Sink):
                 self._lose_viewer()
                 return
             self._open = False
-            atexit.register(_leave, self.stream)  # disconnecting it would wait for ever
+            atexit.register(_leave, self.stream)  # disconnecting it might never return
             if self._viewer:
                 raise RecordingError(
                     f"the viewer at {self._viewer} does not accept recorded data ({error}); start "
@@ -334,7 +334,7 @@ def _chunk(entity: str, parts: list[_Rows]) -> Chunk:
 
 
 def _joined(what: Sequence[Any], parts: Sequence[Sequence[Any]]) -> list[Any]:
-    """Columns whose rows are those of several parts."""
+    """Columns with the rows of several parts."""
     arrays = [[column.as_arrow_array() for column in columns] for columns in parts]
     joined = map(pa.concat_arrays, zip(*arrays, strict=True))
     return [_Column(*column) for column in zip(what, joined, strict=True)]

@@ -1,6 +1,6 @@
 """Amount of an episode that is recorded: rates of the levels of `--record`.
 
-A row of a Rerun table costs some 35 bytes whatever it holds, so rates decide what a recording
+A row of a Rerun table costs some 35 bytes for any content, so rates decide what a recording
 weighs; docs/performance.md has the sizes. What the signals are is `cosim.recording.series`.
 """
 

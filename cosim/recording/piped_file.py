@@ -1,7 +1,7 @@
 """A file that Rerun writes through a pipe, so that a write that fails is known here.
 
 Rerun's own file writer ends at the first failed write with a line on stderr; what waits for it
-afterwards may wait for ever, and what it dropped is lost. Here it only ever writes to a
+afterwards may never return, and what it dropped is lost. Here it only ever writes to a
 pipe, which is emptied whatever becomes of the file, and the file is written by plain Python; what
 comes after a write that failed is thrown away. On Windows, where no pipe has a path,
 Rerun writes the file.

@@ -1,4 +1,4 @@
-"""A Rerun file as numpy arrays, whatever it records.
+"""A Rerun file of any content as numpy arrays.
 
 Reads whole files, files without a footer (their writer was killed) and files cut in the middle.
 What the signals of an episode mean is said in `cosim.recording.reader`.
@@ -37,7 +37,7 @@ _PROPERTIES = "/__properties/"
 
 
 class RecordingReadError(UserError):
-    """A file that is no recording, or not the one asked for; the message names it and the fix."""
+    """Invalid recording, or not the requested one. The message names it and the fix."""
 
 
 class Signal(NamedTuple):

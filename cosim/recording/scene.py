@@ -58,7 +58,7 @@ def write_scene(
         scenario: board and targets.
         robot: geometry of every robot.
         patches: of the floor, with a friction of their own.
-        sampled: indices of the robots whose signals are recorded; the others are drawn as bodies.
+        sampled: indices of the robots with recorded signals; the others are drawn as bodies.
     """
     width, height = scenario.size_m
     cell = scenario.cell_m

@@ -18,7 +18,7 @@ from cosim.recording.scene import EIGHT, GREY, LIGHT, SERIES, WHITE, palette, ro
 DIRECTION_NAMES = tuple(f"{360 * k // DIRECTION_COUNT}°" for k in range(DIRECTION_COUNT))
 ARRIVED = "at target"
 DRIVEN = "motors"  # a policy commands them
-# States of /rl/<robot>/move besides directions, and of /rl/<robot>/failure; OUTCOME is an entity.
+# States of /rl/<robot>/move but for directions, and of /rl/<robot>/failure; OUTCOME is an entity.
 ENDED, GIVEN_UP = "ended", "given up"
 OFF_THE_BOARD, ON_OBSTACLE = "leaves the board", "touches an obstacle"
 ON_TARGET, IN_ZONE = "enters another robot's target", "enters the restricted zone"

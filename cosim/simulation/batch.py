@@ -185,7 +185,7 @@ class Batch:
                 world.
             config: of the episode, see `shared`; default the batch's.
             kind: class of the episode.
-            sampled: indices of the robots whose signals are kept, see `RunningEpisode`.
+            sampled: indices of the robots with kept signals, see `RunningEpisode`.
 
         Raises:
             ConfigError: the configuration or the number of robots is not that of the batch, or the

@@ -101,7 +101,7 @@ def refuse_without_effect(options: Mapping[str, Any], where: str) -> None:
 
 
 class DrivenEpisode(RunningEpisode):
-    """An episode whose robots get motor set points in every RL step.
+    """An episode with robots that get motor set points in every RL step.
 
     A robot has arrived when its centre is in its target's cell at the end of one.
     """

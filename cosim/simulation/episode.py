@@ -3,7 +3,7 @@
 An action aims at the centre of the neighbouring cell and stays in force until the robot gets there
 or a time limit passes; policies are asked every RL step, and a robot under way ignores the answer.
 RL steps last 2 s, or so little that robots are asked when their moves end.
-A cell belongs to the robot whose centre is in it; distance class and gradient sign are those of
+A cell belongs to the robot with its centre in it; distance class and gradient sign are those of
 the cells. Nothing here advances time (that is `cosim.simulation.batch`), learns or records.
 """
 
@@ -58,7 +58,7 @@ class RunningEpisode:
         time_s: simulated time.
         observation: what a policy sees now.
         measures: so far.
-        sampled: indices of the robots whose signals are kept.
+        sampled: indices of the robots with kept signals.
         conflicts: decisions that the shield changed.
         noise: generators of the speed noise, one for each motor.
     """
@@ -83,7 +83,7 @@ class RunningEpisode:
             starts: start cell of each robot.
             seed: of the speed noise, of which every motor gets a child of its own, and of the
                 world.
-            sampled: indices of the robots whose signals are kept; by default all of up to
+            sampled: indices of the robots with kept signals; by default all of up to
                 `SAMPLED`, else the first `SOME`.
         """
         n = scenario.robots
@@ -315,7 +315,7 @@ class RunningEpisode:
         allowed = permitted(*asked, NEAREST_FIRST)
         self.conflicts += allowed != direction
         if allowed not in (direction, WAIT) and self._detours.random() < 0.5:
-            # Robots that only ever yield to the nearest side may do so to each other for ever.
+            # Robots that only ever yield to the nearest side may do so to each other endlessly.
             others = self._detours.permutation(NEAREST_FIRST[1:])
             allowed = permitted(*asked, np.concatenate([NEAREST_FIRST[:1], others]))
         return allowed

@@ -200,7 +200,7 @@ class SimulationOptions(Physics, DecisionOptions):
         config = self.deciding(super().config(world))
         if self.noise is not None and "motors" in self.open_loop:
             raise ConfigError(
-                "--noise has no effect with --open-loop motors, whose speed is not measured; "
+                "--noise has no effect with --open-loop motors, which measure no speed; "
                 "leave it out"
             )
         timing, steering = config.timing, config.steering

@@ -68,7 +68,7 @@ def simulate(
             file, or the paper's.
         progress: receives the simulated time; by default it is shown on stderr if the call takes
             more than two seconds. None shows nothing.
-        signals: numbers of the robots whose signals are kept, from 1; by default all of up to 64,
+        signals: numbers of the robots with kept signals, from 1; by default all of up to 64,
             else the first four. Of the others poses are kept.
         options: physics by the names of `python -m cosim.run`, see `SimulationOptions`: `mu`,
             `noise`, `speed` (mm/s), `dt` (s), `time_limit` (s), `shield` and so on.

@@ -1,6 +1,6 @@
 """Many episodes at once: in the lanes of batches, batches in threads.
 
-An episode is determined by its task alone, whatever else runs, in whatever order.
+An episode is determined by its task alone, not by other episodes or their order.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ from cosim.simulation.result import EpisodeResult, facts_of, result_of
 
 
 class EpisodeOrigin(msgspec.Struct, frozen=True):
-    """Everything that determines an episode besides its policy and the code, as recordings keep it.
+    """All that determines an episode except for its policy and the code, as recordings keep it.
 
     Attributes:
         scenario, config, starts, driver: of the task.
@@ -61,8 +61,8 @@ class Task:
             for none.
         watch: sees every RL step, the episode, and the wall-clock time that it took so far, in s.
         driver: of the co-simulation.
-        sampled: indices of the robots whose signals are kept, see `RunningEpisode`.
-        redrawn: RL steps from whose start on speed noise and camera frames come from another seed,
+        sampled: indices of the robots with kept signals, see `RunningEpisode`.
+        redrawn: RL steps from the start of which speed noise and frames come from another seed,
             by their numbers; a recording does not tell.
     """
 

@@ -124,7 +124,7 @@ def check_clocks(fmus: Mapping[str, Fmu], *, fixed: bool, kept: bool) -> bool:
     Args:
         fmus: by component.
         fixed: whether components have one step, and there are no power bonds.
-        kept: whether no step is taken back.
+        kept: whether no step is rolled back.
 
     Raises:
         GraphError: they have, and it is not so.
@@ -137,7 +137,7 @@ def check_clocks(fmus: Mapping[str, Fmu], *, fixed: bool, kept: bool) -> bool:
             raise GraphError(f"{said}; leave out steps of components and power bonds")
         if not kept and (kind == "countdown" or (kind == "tunable" and not _is_told(clock))):
             raise GraphError(
-                f"{said} and may start in any step, none of which can be taken back then; "
+                f"{said} and may start in any step, none of which can be rolled back then; "
                 "leave the tolerance out, and choose another algorithm than implicit"
             )
     return bool(found)
@@ -147,7 +147,7 @@ class Clocks:
     """The clocks of a system that tick in time.
 
     Attributes:
-        now: point of time that is reached, and whose clocks have ticked.
+        now: point of time that is reached; its clocks have ticked.
     """
 
     def __init__(self, instances: Mapping[str, Instance], start_s: float, tick_s: float) -> None:
@@ -262,8 +262,8 @@ class Clocks:
     def tick(self, layout: Layout, s: Coupling, scheme: Scheme) -> Found:
         """Let the clocks tick that do so now, in one Event Mode of their instances; as `advance`.
 
-        Values are passed on until they stay: those of clocked variables whose clock ticks, and of
-        all variables without a clock. Then discrete states are updated. Clocks that tick again
+        Values are passed on until they stay: those of clocked variables with a ticking clock, and
+        of all variables without a clock. Then discrete states are updated. Clocks that tick again
         after an interval of 0 follow in the same Event Mode.
         """
         t, m, time_s = layout.tables, layout.memory, self.time_s

@@ -1,7 +1,7 @@
 """Inputs that are solved for: algebraic loops, and implicit steps, by a quasi-Newton method.
 
 Unknowns z are values of connected inputs. The residual is what their outputs then give minus z:
-at one point of time for algebraic loops, and over a step, which is taken back and repeated, for
+at one point of time for algebraic loops, and over a step, which is rolled back and repeated, for
 implicit coupling. The inverse of the residual's Jacobian is made by finite differences, kept from
 step to step, updated by Broyden's formula, and rebuilt where convergence is slow.
 """

@@ -34,7 +34,7 @@ _FLOATS = ("Real", "Float")
 
 
 class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
-    """A system of FMUs whose inputs are actions, and whose outputs are observations.
+    """A system of FMUs with inputs as actions and outputs as observations.
 
     A reset goes back to the state after initialisation, which is saved once; FMUs that cannot save
     their states, or that begin with drawn parameters, are rebuilt.
@@ -73,8 +73,8 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
             actions: inputs that nothing is connected to, as "component.input", or connectors of
                 the file's outermost system, with their bounds; by default those that FMUs declare.
             observations: scalar variables "component.variable", in this order float32.
-            reward: of a step, from observations before, the action, and observations after; or a
-                variable, whose value after the step it is.
+            reward: of a step, from observations before, the action, and observations after; or the
+                name of a variable: its value after the step.
             step: time of an environment's step in s, a multiple of `step_s`.
             duration: simulated time in s after which an episode is truncated; by default that of
                 the file's experiment, or 1000 steps.
@@ -86,7 +86,7 @@ class SystemEnv(gym.Env[np.ndarray, np.ndarray]):
             options: others of `cosim.system.system.System`, such as `algorithm`.
 
         Raises:
-            GraphError: the system cannot be, or a name or bounds do not fit.
+            GraphError: the system is invalid, or a name or bounds do not fit.
             FmuError: an FMU cannot be used.
         """
         start_s, stop_s, entries = 0.0, None, []

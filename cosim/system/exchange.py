@@ -44,7 +44,7 @@ def _put_float(m: Memory, kind: int, place: int, value: float) -> None:
 
 @inlined
 def _size(kind: int) -> int:
-    """Bytes of an integer, whose types come in pairs of one size, that with a sign first."""
+    """Bytes of an integer; its types come in pairs of one size, that with a sign first."""
     return 1 << (kind // 2 - 1)
 
 
@@ -79,7 +79,7 @@ def feed(t: Tables, m: Memory, start_s: float, tick: int, middle: float, tick_s:
 
     Of rows of one time the last one counts from then on. Before the first row its values hold, and
     behind the last one those. Steps begin at `tick`; `middle` are the ticks from there to the point
-    of time, of a component whose step is one tick.
+    of time, of a component with a step of one tick.
     """
     for k in range(t.feeds.shape[0]):
         period = t.components[t.feeds[k, FEED.fed], COLUMN.period]

@@ -30,7 +30,7 @@ _TARGETS = {"output": ("input",), "calculatedParameter": ("input", "parameter")}
 
 
 class GraphError(UserError):
-    """A system that cannot be; the message names the component, variable or connection."""
+    """Invalid system. The message names the component, variable or connection."""
 
 
 class Component(NamedTuple):
@@ -88,8 +88,8 @@ def load_fmus(components: Sequence[Component]) -> dict[str, Fmu]:
     """The FMU of each component by its name; one that several have is read once.
 
     Raises:
-        GraphError: there is no component, two have one name, an FMU cannot be there twice, or has a
-            clock that ticks in time, and no Event Mode.
+        GraphError: there is no component, two have one name, an FMU allows one instance, or has
+            a clock that ticks in time, and no Event Mode.
         FmuError: an FMU cannot be used.
     """
     _require_each("components", components, Component)

@@ -39,7 +39,7 @@ def settled(slave: Any) -> tuple[bool, float]:
 
 
 def c_function(log: Log, function: Callable[..., Any], *form: Any) -> Any:
-    """Return a C function of an instance, whose failures become a status and a message.
+    """Return a C function of an instance; its failures become a status and a message.
 
     Args:
         log: of the instance; gets the message.

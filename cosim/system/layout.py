@@ -49,7 +49,7 @@ class Place(NamedTuple):
         dtype: of a value, as numpy names it.
         shape: () of a scalar.
         truth: whether they are Boolean.
-        texts: whose numbers they are, if any.
+        texts: texts of the numbers, if any.
     """
 
     offset: int
@@ -132,8 +132,8 @@ class Layout:
 
     Attributes:
         places: of every variable that is got or set.
-        kept: variables that begin with the values they have: arrays of whose elements some are set,
-            and those that are tied to clocks.
+        kept: variables that begin with the values they have: arrays with some elements set, and
+            those that are tied to clocks.
         words: of what is got, at the begin of the block.
         memory: the block.
         tables: for compiled code.
@@ -158,10 +158,10 @@ class Layout:
             instances: by component, in the order in which they step.
             links: between them.
             recorded: variables that are got, too.
-            checked: outputs of 64 bits whose errors matter, which are got, too.
+            checked: outputs of 64 bits with errors that matter, which are got, too.
             inputs: that are given over time.
             periods: ticks of a step of each instance.
-            bonds: links of effort and flow, whose residual energy is recorded.
+            bonds: links of effort and flow with a recorded residual energy.
         """
         self._instances = instances
         self.kept = [link.target for link in links if link.target_index]
@@ -408,7 +408,7 @@ class Layout:
         return rows[0], rows[1:]
 
     def node_at(self, byte: int) -> Node:
-        """Variable whose values are at a byte of the block."""
+        """Variable with values at a byte of the block."""
         return next(n for n, p in self.places.items() if p.offset <= byte < p.offset + p.size)
 
     def _copy(self, link: Link) -> tuple[int, ...]:
@@ -430,7 +430,7 @@ class Layout:
         return *places, *types, source.number, scaled
 
     def _part(self, node: Node, index: tuple[int, ...], said: str) -> tuple[Place, int]:
-        """Place of a variable, and the number of an element, whose place is that of a scalar."""
+        """Place of a variable, and the number of an element, which has the place of a scalar."""
         place = self.places[node]
         if not index:
             return place, 0

@@ -14,8 +14,8 @@ class Share(NamedTuple):
     """Share of a run's time that a component took.
 
     Attributes:
-        steps: calls of its DoStep, those taken back included.
-        rollbacks: steps that were too inaccurate and taken back.
+        steps: calls of its DoStep, those rolled back included.
+        rollbacks: steps that were too inaccurate and rolled back.
         time_s: that its calls took; 0 if that was not measured.
         warnings: steps of this run that returned a warning.
     """

@@ -45,7 +45,7 @@ class Scheme(NamedTuple):
         tick_s: duration of a tick.
         tolerance: of the error of a step of several ticks, relative to the larger of a value and
             its nominal one; 0 to make every step one tick.
-        by_energy: 1 if the error is the residual power of bonds, and no step is taken back.
+        by_energy: 1 if the error is the residual power of bonds, and no step is rolled back.
         longest: ticks of a step.
         every: steps from one recorded row to the next.
         clock: address of clock_gettime to measure with, or 0.
@@ -170,7 +170,7 @@ def advance(
 ) -> tuple[int, int, int]:
     """Step all components over `count` ticks.
 
-    A component whose step is several ticks makes it at its begin, and its outputs are got at its
+    A component with a step of several ticks makes it at its begin, and its outputs are got at its
     end.
 
     Returns:

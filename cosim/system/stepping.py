@@ -18,7 +18,7 @@ TICK, NEXT, DONE, ROW, REJECTED = range(5)
 # The PI controller of Gustafsson: the next step is as long as the errors of this one and of the
 # one before it let be, with a margin, and within limits of growth.
 _INTEGRAL, _PROPORTIONAL, _MARGIN, _LEAST, _MOST = 0.7, 0.4, 0.9, 0.2, 5.0
-# Without steps that are taken back it grows and shrinks more slowly, as with ECCO (Sadjina et al.,
+# Without steps that are rolled back it grows and shrinks more slowly, as with ECCO (Sadjina et al.,
 # Engineering with Computers 33, 2017): the residual power is small where it changes its sign, too.
 _ENERGY_EXPONENT, _ENERGY_MOST = 4.0, 1.5
 
@@ -80,10 +80,10 @@ def run_steps(
 ) -> tuple[int, int, int]:  # fmt: skip
     """Make steps to a tick, or until all rows are full; returns as `advance`.
 
-    With a tolerance a step is tried in one, taken back, and made in two halves, whose difference
+    With a tolerance a step is tried in one, rolled back, and made in two halves; their difference
     tells the error of the halves by the order of the method. Where that is more than the tolerance,
-    the halves are taken back too, and a shorter step is tried. The error of a step of one tick is
-    not known. By energy, no step is taken back, and its residual power is its error.
+    the halves are rolled back too, and a shorter step is tried. The error of a step of one tick is
+    not known. By energy, no step is rolled back, and its residual power is its error.
 
     `now` (5,) is where the run is, and changes; `ticks` (R,) and `rows` (R, words) are room for the
     ticks of recorded rows and for what was got by then.

@@ -92,7 +92,7 @@ class System:
                 "gauss-seidel": the newest outputs, of components earlier in the list those after
                 the step; of second order are "extrapolated": the mean of the values at both ends,
                 of which the later one is extrapolated, and "implicit": the same, but steps are
-                taken back and repeated until the later one is the one that outputs then have.
+                rolled back and repeated until the later one is the one that outputs then have.
             step_s: communication step in s; the shortest one if there is a tolerance.
             tolerance: of the error of one step in Float64 outputs, relative to the larger
                 of a value and its nominal one; None for steps that are all equal.
@@ -115,15 +115,15 @@ class System:
                 their states' nominal values times it are the absolute ones.
             component_steps: communication steps in s of single components, by their names; others
                 have `step_s`. All are whole multiples of the shortest one.
-            power_bonds: inputs of effort and of flow, whose product is a power, by two
+            power_bonds: inputs of effort and of flow with a power as product, by two
                 connections back and forth between two components. The energy that the coupling has
                 added to both by then is recorded as "component.effort residual energy".
             step_control: what a tolerance bounds: "error", of outputs in a step, or "energy": the
                 residual power of power bonds, relative to the larger of the most that has passed
-                and the product of nominal values; no step is taken back.
+                and the product of nominal values; no step is rolled back.
 
         Raises:
-            GraphError: the system cannot be; the message names component, variable, connection.
+            GraphError: the system is invalid; the message names component, variable, connection.
             ConfigError: a step is no multiple of another one that it must be a multiple of.
             FmuError: an FMU cannot be used, or fails at the start.
             OSError: an FMU cannot be read.
@@ -152,7 +152,7 @@ class System:
         self._common = math.lcm(self._ticks, *periods)
         if self._common > 1 and (tolerance or bonds or algorithm == "implicit"):
             raise GraphError(
-                "components have steps of their own, which have one length and are not taken back: "
+                "components have their own steps, which have one length and are not rolled back: "
                 "leave the tolerance and power bonds out, and choose another algorithm than "
                 "implicit"
             )
@@ -278,7 +278,7 @@ class System:
 
     @property
     def rejected(self) -> int:
-        """Communication steps that were taken back."""
+        """Communication steps that were rolled back."""
         return int(self._now[REJECTED])
 
     @showing
@@ -458,7 +458,7 @@ class System:
         instance = list(self._instances.values())[component]
         said = f"{_WHAT[phase]} (fmi{instance.fmu.standard}Status {status})"
         if status == STATUS.stuck:
-            said = "returned early for ever"
+            said = "returned early without end"
         elif status == STATUS.not_a_number:
             block = self._layout.memory.u1[None, : 8 * self._layout.words]
             wrong = [

@@ -25,15 +25,15 @@ class Baselines(Distributed, Resumable):
     out: Folder = Path("runs/baselines")
     """Folder of the table (baselines.json, baselines.md), trainings, policies and episodes."""
     quick: bool = False
-    """Train little, by default with one seed in the first two scenarios: to see that it works."""
+    """Short trial: little training, by default with one seed in the first two scenarios."""
     scenarios: tuple[str, ...] | None = None
     """Built-in scenarios or scenario files (.toml), by default 1b, 2, 3, 4 and 4-cross."""
     learners: tuple[Learner, ...] = LEARNERS
     """Learners to compare, all by default."""
     seed: int = 0
-    """First seed of training, of samples of starts and of what episodes draw."""
+    """First seed of training, of samples of starts and of random draws in episodes."""
     seeds: Count | None = None
-    """How many seeds, 5 by default."""
+    """Number of seeds, 5 by default."""
     episodes: Count | None = None
     """Episodes in the dynamics of every training, 8 by default."""
     budget_minutes: BudgetMinutes = None

@@ -20,7 +20,7 @@ class BoundOptions(CommandOptions):
 
     scenario: ScenarioName = "4"
     process: ProcessConfig = field(default_factory=ProcessConfig)
-    """Readings, of which target_obstacle and collision say where paths may go."""
+    """Interpretations of the paper; only target_obstacle and collision limit the paths."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

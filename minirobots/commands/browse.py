@@ -30,7 +30,7 @@ class Browse(CommandOptions):
     spawn: bool = False
     """Open a viewer too."""
     check: bool = False
-    """Print the table instead, as the server has it, and leave."""
+    """Print the server's table instead, and exit."""
 
 
 def run(options: Browse, _: Progress) -> Iterator[Any]:

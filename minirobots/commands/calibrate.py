@@ -14,12 +14,12 @@ from minirobots.options import Folder, IsolatedOptions, Jobs
 
 
 class Calibrate(IsolatedOptions):
-    """Calibrate the drive: which motor speeds give which speed and which yaw rate.
+    """Calibrate the drive: measure the speed and yaw rate that motor speeds give.
 
     Co-simulates single robots with their motor FMUs and noise, forwards, backwards, left and right,
     over motor speeds, speed differences and phases between the motors, and writes the map, its
-    scatter and a plot. The co-simulation calibrates itself likewise when robot, motors, FMU,
-    clock, noise or code change; this command shows what it found.
+    scatter and a plot. The co-simulation calibrates itself likewise when robot, motors, FMU, clock,
+    noise or code change; this command shows the result.
     """
 
     out: Folder = Path("runs/calibration")

@@ -35,20 +35,20 @@ _OF = {
 class Certify(Distributed, Simulating, Resumable):
     """Certify or refuse a claim about a policy in the dynamics, such as 'collision < 1e-3'.
 
-    Episodes go round all starts, each with noise of its own, until the claim is decided at the
+    Episodes run over all starts, each with its own noise, until the claim is decided at the
     declared confidence or the budget is used up; the same command resumes. Exits with status 0 if
-    the claim is certified, 1 if it is refused or undecided. --check judges a certificate again and
-    repeats a sample of its episodes (status 0 if every bit is equal, else 1). --splitting estimates
-    how often robots collide where that is rare, and certifies nothing.
+    the claim is certified, 1 if it is refused or undecided. --check evaluates a certificate again
+    and repeats a sample of its episodes (status 0 if every bit is equal, else 1). --splitting
+    estimates how often robots collide where that is rare, and certifies nothing.
     """
 
     policy: File | None = None
     """Policy (policy.npz); with --check by default the one next to the certificate."""
     claim: str | None = None
-    """What is claimed, before its episodes are seen: 'RATE < p' or 'RATE > p' with the rate of
+    """Claim, made before its episodes are seen: 'RATE < p' or 'RATE > p' with the rate of
     collision, out_of_board, timeout, failure or success."""
     confidence: Annotated[float, tyro.conf.arg(metavar="P")] = USUAL_CONFIDENCE
-    """Probability, at least, that the verdict is right."""
+    """Least probability that the verdict is right."""
     check: Annotated[Path | None, tyro.conf.arg(metavar="CERTIFICATE")] = None
     """Check a certificate.json, with its policy and results in the same folder."""
     sample: int | None = None
@@ -59,9 +59,9 @@ class Certify(Distributed, Simulating, Resumable):
     roots: int = 100
     """Independent episodes of --splitting."""
     branches: int = 4
-    """Branches of --splitting that an episode has after a level, itself among them."""
+    """Branches of --splitting of an episode after a level, itself included."""
     gaps: Annotated[tuple[float, ...], tyro.conf.arg(metavar="MM")] = (40.0, 20.0, 10.0, 5.0, 2.0)
-    """Levels of --splitting: gaps between two robots in mm, falling; contact is the last."""
+    """Levels of --splitting: gaps between two robots in mm, decreasing; contact is the last."""
     out: Folder = Path("runs/certificate")
     """Folder of certificate.json, the policy and the results, or of splitting.json."""
     episodes: Count | None = None

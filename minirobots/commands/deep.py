@@ -18,18 +18,17 @@ class Deep(NewFolder):
 
     The network sees a robot's cell and target, the nearest other robot and whether that one has
     arrived. Episodes begin in any free cells of the board, moves off the board and into obstacles
-    cannot be chosen, and rewards are shaped by what
-    a robot alone would do. After every
-    round the greedy policy is evaluated from all starts; the best one is kept as policy.npz, which
-    cosim.run --policy, cosim.evaluate and agent.evaluate take. Needs the extra deep.
+    are masked, and rewards are shaped by the shortest path of a robot alone. After every round the
+    greedy policy is evaluated from all starts; the best one is kept as policy.npz, which
+    cosim.run --policy, cosim.evaluate and agent.evaluate accept. Needs the extra deep.
     """
 
     prefix: ClassVar[str] = "deep-"
 
     scenario: ScenarioName = "2"
     algorithm: NetworkAlgorithm = "ippo"
-    """Learner: PPO of skrl, whose critic sees what the robot sees (ippo) or the cells of all robots
-    too (mappo), or double Q-learning with a network (ddqn)."""
+    """Learner: PPO of skrl with a critic that sees what the robot sees (ippo) or the cells of all
+    robots too (mappo), or double Q-learning with a network (ddqn)."""
     any_target: bool = False
     """Whether targets are drawn in training, so that one network drives to any: in scenarios that
     differ in targets and starts only, and in pages, where a click sets them."""

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 
 class DesignRobot(CommandOptions):
-    """Say which motor speed gives a speed, and what keeps all feet on the floor at it.
+    """Print the motor speed for a robot speed, and designs that keep all feet on the floor at it.
 
-    Answers are those of closed forms (the 1-DOF platform of Eq. (1) on three feet), and so are the
+    Results come from closed forms (the 1-DOF platform of Eq. (1) on three feet), and so do the
     changes of the speed with every parameter: eccentric mass, friction, weight, motor speed.
     """
 

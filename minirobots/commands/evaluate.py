@@ -17,8 +17,8 @@ class Evaluate(Distributed, Simulating, Resumable):
 
     Every start, or a sample drawn with the seed, gives one episode; rates have 95 % Wilson
     intervals, paths are compared with the policy's own on the grid. Every result is kept when the
-    episode ends: the same command, or one that asks for more starts, resumes. Recorded are failures
-    and a few successes, for the Rerun viewer.
+    episode ends: the same command, or one that asks for more starts, resumes. Failures and a few
+    successes are recorded for the Rerun viewer.
     """
 
     policies: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
@@ -28,8 +28,8 @@ class Evaluate(Distributed, Simulating, Resumable):
     policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A policy as above; repeat it for several."""
     starts: str | None = None
-    """How many starts to sample without replacement, or 'all' of them (1a 30, 1b 116, pairs
-    900, those that start on one side 600); by default 50, or all where there are fewer."""
+    """Number of starts to sample without replacement, or 'all' (1a 30, 1b 116, pairs 900, those
+    that start on one side 600); by default 50, or all where there are fewer."""
     seed: Seed = 0
     scenario: str | None = None
     """Scenario (a name, or a file) of methods and objects; files of any other one are refused."""

@@ -14,9 +14,9 @@ class EvaluateOnGrid(CommandOptions):
     """Evaluate policies on the grid: the greedy episode from every combination of start cells.
 
     Nothing is sampled up to 10 000 combinations: scenarios 1a, 1b and 2 to 4 have 30, 116 and 900.
-    Where there are more, 10 000 are drawn, and success has a 95 % interval. Path length and
-    moves are means over robots and successful starts; their ratio to the exact optimum
-    (minirobots bound) says how far a policy is from the best possible one.
+    Where there are more, 10 000 are drawn, and success has a 95 % interval. Path length and moves
+    are means over robots and successful starts; their ratio to the exact optimum (minirobots bound)
+    measures how far a policy is from the best possible one.
     """
 
     policies: tyro.conf.Positional[tuple[Path, ...]]

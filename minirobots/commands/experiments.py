@@ -16,8 +16,8 @@ class Experiments(NewFolder):
     """Run a learning experiment of the paper over many seeds and evaluate every run.
 
     fig08: one robot, scenarios 1a and 1b. fig10: the coefficient c. fig11: pairs, scenarios 2, 3
-    and 4. features: which of x, y, d, g (and the bearing b) a robot needs. readings: what each
-    assumed reading of the paper changes. zone: scenarios 1a to 4 with the central zone open and
+    and 4. features: which of x, y, d, g (and the bearing b) a robot needs. readings: the effect of
+    each assumed interpretation of the paper. zone: scenarios 1a to 4 with the central zone open and
     forbidden. factorial: c under every combination of zone, target obstacle, η and ε in scenarios 2
     to 4, 192 variants; choose fewer --episodes. sequel: groups of four and six robots, by
     Q-learning and double Q-learning. The same command with --out continues after an interrupt. Draw

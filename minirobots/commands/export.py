@@ -11,10 +11,11 @@ from minirobots.options import CommandOptions, File
 
 
 class Export(CommandOptions):
-    """Write a recorded episode for programs that know no Rerun.
+    """Write a recorded episode for programs without Rerun.
 
-    Every signal and state with its unit and time, and what was run: as a table of rows (parquet,
-    csv), as messages in order of time (mcap, which needs the extra export), or as structs (mat).
+    Every signal and state is written with its unit and time, next to the configuration: as a table
+    of rows (parquet, csv), as messages in order of time (mcap, which needs the extra export), or as
+    structs (mat).
     """
 
     recording: tyro.conf.Positional[Path]

@@ -1,4 +1,4 @@
-"""The worst episodes of a policy, searched for."""
+"""Search the worst episodes of a policy."""
 
 from collections.abc import Iterator
 from dataclasses import fields
@@ -29,9 +29,9 @@ _CASE = ("episode", "starts", "seed", "outcome", "gap", "simulated")
 class Falsify(Distributed, Simulating, Resumable):
     """Search the worst episodes of a policy in the full co-simulation, within declared ranges.
 
-    Starts, initial phases of the motors and seeds of the noise are searched, and what --ranges
-    adds of the world. Every episode is kept as it ends: the same command resumes. All failures and
-    the worst episodes become regression cases (cases.json), which --replay runs again.
+    The search covers starts, initial phases of the motors and seeds of the noise, and fields of the
+    world that --ranges adds. Every episode is kept as it ends: the same command resumes. All
+    failures and the worst episodes become regression cases (cases.json), which --replay runs again.
     """
 
     policy: File
@@ -39,14 +39,14 @@ class Falsify(Distributed, Simulating, Resumable):
     out: Folder = Path("runs/falsify")
     """Folder of results, recordings, falsification.json and cases.json."""
     objective: Sought = "gap"
-    """What is searched: the smallest gap between two robots, which is none where robots touch or
-    one leaves the board; or the longest time."""
+    """Goal of the search: the smallest gap between two robots, which is 0 where robots touch or one
+    leaves the board; or the longest time."""
     ranges: File | None = None
-    """Ranges to search (.toml with a table [ranges], see docs/falsification.md); what it does not
-    name has its default: all starts, all phases, 1000 seeds, and the world as declared."""
+    """Ranges to search (.toml with a table [ranges], see docs/falsification.md); other ranges keep
+    their defaults: all starts, all phases, 1000 seeds, and the world as declared."""
     search: SearchName = "surrogate"
-    """How episodes are chosen: from the starts of which a cheap model of observed moves expects the
-    worst; by evolution (CMA-ES); or uniformly at random as a baseline."""
+    """Choice of episodes: by starts for which a cheap model of observed moves predicts the worst;
+    by evolution (CMA-ES); or uniformly at random as a baseline."""
     episodes: Count = 200
     """Episodes to simulate, those of earlier runs included."""
     until_found: bool = False
@@ -55,8 +55,8 @@ class Falsify(Distributed, Simulating, Resumable):
     """Worst episodes to record."""
     seed: Seed = 0
     replay: File | None = None
-    """Instead of a search, simulate the cases of a cases.json with the policy again and say which
-    still fail; the exit status is 1 if one does."""
+    """Instead of a search, simulate the cases of a cases.json with the policy again and print which
+    still fail; the exit status is 1 if one fails."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

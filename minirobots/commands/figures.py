@@ -22,8 +22,8 @@ class Figures(CommandOptions):
     speed loop and fig07 its response, fig08 learning of one robot, fig09 its paths, fig10
     coefficient c, fig11 learning of pairs, fig12 their paths, motor_cycle forces over a turn,
     obstacles and groups scenarios of this project, path_ratio paths compared with the optimum,
-    sequel learning of groups, transfer success in co-simulation by training method. A figure whose
-    results are missing is left out, with the command that makes them.
+    sequel learning of groups, transfer success in co-simulation by training method. A figure
+    without results is left out, and the command that makes them is printed.
     """
 
     figures: tyro.conf.Positional[tuple[str, ...]] = (ALL,)
@@ -35,7 +35,7 @@ class Figures(CommandOptions):
     small: bool = False
     """Write only PNGs of some 900 pixels with few colours, for the docs."""
     strict: bool = False
-    """Fail if any figure cannot be drawn, not only if all cannot."""
+    """Fail if any figure is not drawn, not only if none is."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

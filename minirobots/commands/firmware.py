@@ -15,8 +15,8 @@ _OF_EPISODES = ("on_collision", "time_limit")
 class Firmware(Simulating):
     """Write a policy, the steering and the motors' speed loops as C99 for a microcontroller.
 
-    Without heap and C library; set points and actions are those of the co-simulation in every bit
-    (docs/firmware.md says of what the arctangent may differ). Robots differ by -DROBOT=1, 2 and so
+    The code needs no heap and no C library. Set points and actions are those of the co-simulation
+    in every bit, except for the arctangent (docs/firmware.md). Robots differ by -DROBOT=1, 2 and so
     on. The sources are compiled for a Cortex-M4 to print what each robot needs.
     """
 

@@ -28,7 +28,7 @@ class Build(CommandOptions):
 
     VibrationMotor offers co-simulation and Model Exchange, MiniRobot co-simulation, and so does
     VibrationMotors, which needs FMI 3.0. Without --fmi FMI 3.0 FMUs are written under the models'
-    names, which the co-simulation uses; with --fmi the names tell the standard, as in
+    names, which the co-simulation uses; with --fmi the names include the standard, as in
     VibrationMotor_fmi2.fmu.
     """
 
@@ -40,11 +40,11 @@ class Build(CommandOptions):
     out: Folder
     """Folder that receives the files; made if missing."""
     model: tuple[Model, ...] = MODELS
-    """Models to build where nothing is named."""
+    """Models to build if no model is named."""
     fmi: Literal["2", "3", "both"] | None = None
     """FMI standard to build for."""
     targets: tuple[TargetChoice, ...] = ("host",)
-    """Platforms whose binaries go into the archive. A first build for Windows takes about a
+    """Platforms with binaries in the archive. A first build for Windows takes about a
     minute, every other build seconds."""
 
     def __post_init__(self) -> None:

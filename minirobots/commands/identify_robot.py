@@ -1,4 +1,4 @@
-"""Identify a robot's parameters from what a camera has seen of it."""
+"""Identify a robot's parameters from its track by a camera."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +18,7 @@ class IdentifyRobot(IsolatedOptions):
 
     Drive the robot with the motor speeds that --excite writes and record, with an overhead camera,
     a CSV file with the columns time, x, y, heading, omega_1, omega_2 (s, m, rad, rad/s; motors D
-    and E). The parameters are those whose simulation fits best; every one has an interval of 95 %.
+    and E). The parameters are those of the best fit, each with an interval of 95 %.
     """
 
     track: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="TRACK.csv")] = None

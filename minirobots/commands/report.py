@@ -13,8 +13,8 @@ class Report(CommandOptions):
     """Write a page with every figure next to the paper's claim, tables, and recordings to watch.
 
     Results are those of `python -m analysis.reproduce`, or of single commands with the same
-    folders; what is missing is named on the page with the command that makes it. Open the page
-    with `python -m analysis.serve DIR`.
+    folders; the page names missing results with the command that makes them. Open the page with
+    `python -m analysis.serve DIR`.
     """
 
     results: Folder = Path("runs/reproduction/results")

@@ -12,14 +12,14 @@ class Reproduce(Resumable):
 
     Results go to DIR/results, figures to DIR/figures, the page to DIR/report; open it with
     `python -m analysis.serve DIR/report`. The same command continues after an interrupt: stages
-    that the same code has finished are kept, a training that was interrupted continues from its
-    checkpoints. How long each stage took is in DIR/results/timings.json.
+    that the same code has finished are kept, an interrupted training continues from a checkpoint.
+    The time of each stage is in DIR/results/timings.json.
     """
 
     out: Folder = Path("runs/reproduction")
     """Folder to write to."""
     quick: bool = False
-    """A few minutes' worth: few runs, fewer training episodes, few co-simulated episodes."""
+    """Short version of a few minutes: few runs, training episodes and co-simulated episodes."""
     seed: Seed = 0
     jobs: Jobs = -1
 

@@ -15,28 +15,28 @@ from minirobots.options import BudgetMinutes, Count, Distributed, File, Folder, 
 class Robustness(Distributed, Resumable):
     """Measure how policies succeed in worlds that none of them was trained for.
 
-    One thing at a time is not ideal (friction, patches, motors, camera, delay, noise, load, slope,
-    bouncing feet), and everything at once, then also with the shield. Every episode is kept when it
-    ends: the same command resumes, and with --budget-minutes 0 it only writes the table and the
-    plot of existing results.
+    Worlds deviate from the ideal in one thing at a time (friction, patches, motors, camera, delay,
+    noise, load, slope, bouncing feet), and in everything at once, then also with the shield. Every
+    episode is kept when it ends: the same command resumes, and with --budget-minutes 0 it only
+    writes the table and the plot of existing results.
     """
 
     out: Folder = Path("runs/robustness")
     """Folder of the table (robustness.json, .md, .png), policies and results."""
     quick: bool = False
-    """Two episodes in every row: to see that it works."""
+    """Short trial: two episodes in every row."""
     episodes: Count | None = None
     """Episodes of every row, 50 by default."""
     budget_minutes: BudgetMinutes = None
     scenario: str = "4"
     """Built-in scenario or a scenario file (.toml)."""
     world: File = ROUGH
-    """World in which nothing is ideal (.toml with a table [world]), by default that of
+    """World with all deviations (.toml with a table [world]), by default that of
     docs/robustness.md."""
     axes: tuple[Axis, ...] = AXES
-    """What is not ideal in the worlds to measure, one thing at a time, and everything."""
+    """Deviations from the ideal to measure, one at a time, and everything."""
     methods: tuple[Method, ...] = IN_WORLDS
-    """Methods to measure, of those of the default; see `minirobots run --help`."""
+    """Methods to measure, from the defaults; see `minirobots run --help`."""
     seed: Seed = 0
 
     def __post_init__(self) -> None:

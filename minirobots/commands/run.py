@@ -61,34 +61,34 @@ class Run(NewFolder, Simulating):
     3 000 000 for robust, and 400 000 for pair."""
     seed: Seed = 0
     train_seed: NotNegative | None = None
-    """Seed of training: by default 0, so that every --seed meets the same policy, trained once."""
+    """Seed of training: by default 0, so that every --seed uses the same policy, trained once."""
     again: Annotated[bool, tyro.conf.arg(aliases=["--retrain"])] = False
     """Train even if the cache has a policy of this configuration."""
     policy: File | None = None
     """Trained policy to use instead of training: a file (policy.npz), or one of the zoo, such as
     zoo:4-pair (`minirobots policies` lists them)."""
     record: Literal["none", "summary", "default", "full"] = "default"
-    """How much is recorded: nothing (only summary.json and the policy are written); decisions and
-    poses; every signal, motors at 1 kHz, under 20 MB per minute of two robots; or every signal at
-    1 kHz with longer bursts at every tick."""
+    """Amount to record: nothing (only summary.json and the policy are written); decisions and
+    poses; every signal, motors at 1 kHz, under 20 MB per minute of two robots; or every signal at 1
+    kHz with longer bursts at every tick."""
     signals: tuple[Count, ...] = ()
-    """Robots whose signals are recorded, from 1; by default all of up to 64, else the first four.
-    Of the others poses are recorded."""
+    """Robots with recorded signals, from 1; by default all of up to 64, else the first four. For
+    the others only poses are recorded."""
     no_record: bool = False
     """Short for --record none."""
     live: bool = False
-    """Send what is recorded to a running Rerun viewer as well, while the episodes run."""
+    """Send recorded data to a running Rerun viewer too, while the episodes run."""
     spawn: bool = False
-    """Open a Rerun viewer on this machine and send it what is recorded."""
+    """Open a Rerun viewer on this machine and send it the recorded data."""
     viewer: Annotated[str, tyro.conf.arg(metavar="URL")] = DEFAULT_VIEWER
     """Address of the viewer for --live and --spawn."""
     jobs: Jobs = -1
     driver: Literal["fmpy", "compiled", "reference", "adaptive"] | None = None
-    """How the motor FMUs are stepped: fmpy calls doStep of fmpy's class once per control period of
-    1 ms; compiled calls their C functions at every tick (the same bits, an episode some 10 %
+    """Driver that steps the motor FMUs: fmpy calls doStep of fmpy's class once per control period
+    of 1 ms; compiled calls their C functions at every tick (the same bits, an episode some 10 %
     faster); reference calls fmpy's class at every tick (the same bits, some 400 times slower);
     adaptive does so with a communication step that it adapts by rolling the FMUs back. By default
-    fmpy, and compiled with --reaction or a motor FMU that hands out no samples of its outputs."""
+    fmpy, and compiled with --reaction or a motor FMU without samples of its outputs."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

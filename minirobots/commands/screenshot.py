@@ -1,4 +1,4 @@
-"""Save what the Rerun viewer shows of a recording as a picture."""
+"""Save the Rerun viewer's picture of a recording."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -14,7 +14,7 @@ from minirobots.options import CommandOptions, File
 class Screenshot(CommandOptions):
     """Draw a recording as the Rerun viewer shows it and save the picture.
 
-    The viewer draws with software Vulkan, which on Debian takes the packages mesa-vulkan-drivers,
+    The viewer draws with software Vulkan, which on Debian needs the packages mesa-vulkan-drivers,
     libvulkan1 and libegl1.
     """
 

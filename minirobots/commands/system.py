@@ -1,4 +1,4 @@
-"""Simulate any FMUs, coupled as an SSP file says."""
+"""Simulate any FMUs, coupled by an SSP file."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 class SimulateSystem(IsolatedOptions):
     """Simulate the FMUs of an SSP file (1.0 or 2.0), coupled by a compiled master.
 
-    FMUs are of FMI 2.0 or 3.0, for Co-Simulation or for Model Exchange; one system can have all of
-    them. All outputs are recorded at every step.
+    FMUs are of FMI 2.0 or 3.0, for Co-Simulation or for Model Exchange, also mixed. All outputs are
+    recorded at every step.
     """
 
     file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     """The system: an archive (.ssp) or a description (.ssd) next to its FMUs."""
     variant: Annotated[str, tyro.conf.arg(metavar="NAME.ssd")] = "SystemStructure.ssd"
-    """Which of the descriptions in an archive is simulated."""
+    """Description in an archive to simulate, if it has several."""
     until: Seconds | None = None
     """Simulated time to reach, in s; by default that of the file's default experiment."""
     step: Seconds = 1e-3
@@ -36,17 +36,17 @@ class SimulateSystem(IsolatedOptions):
     whole multiples of the shortest one; rows are recorded at multiples of --step."""
     algorithm: Literal["jacobi", "gauss-seidel", "extrapolated", "implicit"] = "jacobi"
     """Inputs during a step. jacobi: outputs before it. gauss-seidel: the newest outputs, as
-    components step one after the other in the order of the file. Of second order are extrapolated
-    (means over the step, continued from the step before) and implicit (the same, but steps are
-    taken back and repeated until outputs agree; for stiff couplings; FMUs must be able to save
-    their states)."""
+    components step one after the other in the order of the file. Two are of second order:
+    extrapolated (means over the step, continued from the step before) and implicit (the same, but
+    steps are rolled back and repeated until outputs agree; for stiff couplings; FMUs must be able
+    to save their states)."""
     loops: Literal["solve", "explicit"] = "solve"
     """Whether algebraic loops are solved at every communication point, or a delay of one step is
     accepted in them."""
     input: File | None = None
     """Inputs over time: a .csv or .parquet file with a column time (in s) and columns named
     component.variable or as an input of the system, with a unit if it is another one, as in
-    "motor.u [mV]". Between times floats are interpolated, others hold."""
+    "motor.u [mV]". Between times floats are interpolated, others stay constant."""
     tolerance: Annotated[float | None, tyro.conf.arg(metavar="SHARE")] = None
     """Vary the step so that the error of one in Float64 outputs stays below this share of the
     larger of a value and its nominal one; FMUs must be able to save their states."""
@@ -57,12 +57,13 @@ class SimulateSystem(IsolatedOptions):
     the flow (a speed, a current) of two connections back and forth; repeat for others. The energy
     that the coupling adds is recorded and printed."""
     step_control: Literal["error", "energy"] = "error"
-    """What a tolerance bounds: error of outputs, or residual power of power bonds as a share of
-    what passes (energy: no step is repeated, so that FMUs need not save their states)."""
+    """Quantity that the tolerance bounds: error of outputs, or residual power of power bonds as a
+    share of the power that passes (energy: no step is repeated, so FMUs need not save their
+    states)."""
     solver_tolerance: Annotated[float, tyro.conf.arg(metavar="SHARE")] = 1e-8
-    """Relative tolerance of the solver (CVODE) that integrates FMUs for Model Exchange. Of an FMU
-    that has both interfaces, that for Co-Simulation is used unless the file says
-    implementation="ModelExchange" at its component."""
+    """Relative tolerance of the solver (CVODE) that integrates FMUs for Model Exchange. If an FMU
+    has both interfaces, Co-Simulation is used unless the file has implementation="ModelExchange" at
+    its component."""
     longest_step: Seconds | None = None
     """With a tolerance, the longest step in s."""
     event_mode: bool = False
@@ -75,15 +76,15 @@ class SimulateSystem(IsolatedOptions):
     profile: bool = False
     """Print time, steps and rollbacks of every FMU."""
     fmu_log: Literal["off", "warnings", "all"] = "warnings"
-    """What is shown of the FMUs' own messages: nothing (FMUs are asked to report none, which is
-    faster), how many steps of each gave a warning and the last one, or all."""
+    """Messages of the FMUs to show: none (FMUs report none, which is faster), the number of steps
+    with a warning and the last warning of each, or all."""
     lenient: bool = False
-    """Accept FMUs whose modelDescription.xml violates the standard. Without it only violations are
-    accepted that change no result; a warning names each FMU."""
+    """Accept FMUs with a modelDescription.xml that violates the standard. By default only
+    violations that change no result are accepted; a warning names each FMU."""
     max_description: Annotated[Count, tyro.conf.arg(metavar="MIB")] = MAX_DESCRIPTION_BYTES >> 20
     """Largest modelDescription.xml in MiB; parsed, it takes some thirty times as much memory."""
     out: File | None = None
-    """Where to write what was recorded: .csv, .parquet, or .rrd for the Rerun viewer."""
+    """File of the recorded variables: .csv, .parquet, or .rrd for the Rerun viewer."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -92,7 +93,7 @@ class SimulateSystem(IsolatedOptions):
 
     @property
     def foreign(self) -> Path:
-        """The system, whose FMUs are foreign."""
+        """The system of foreign FMUs."""
         return self.file
 
 

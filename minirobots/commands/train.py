@@ -15,7 +15,7 @@ from minirobots.options import Count, File, NewFolder, ScenarioName, Seed
 
 
 class Train(NewFolder):
-    """Train Q-learning agents on the grid: many independent runs, each from a seed of its own.
+    """Train Q-learning agents on the grid: many independent runs, each with its own seed.
 
     Every run gets a folder with its policy, its learning curves and a recording for the Rerun
     viewer; runs are evaluated from every start. The same command with --out continues after an

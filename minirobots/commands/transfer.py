@@ -23,7 +23,7 @@ class Transfer(Distributed, Resumable):
     out: Folder = Path("runs/transfer")
     """Folder of the table (transfer.json, transfer.md), policies and results."""
     quick: bool = False
-    """Two episodes in every row instead of all starts, 200 or 50: to see that it works."""
+    """Short trial: two episodes in every row instead of all starts, 200 or 50."""
     budget_minutes: BudgetMinutes = None
     scenarios: tuple[str, ...] = tuple(PAPER)
     """Scenarios to measure, built in or files (.toml)."""

@@ -12,15 +12,15 @@ from minirobots.options import Distributed, Folder, IsolatedOptions, Resumable, 
 class Validate(Distributed, IsolatedOptions, Resumable):
     """Compare the simulation with published machines, each with the preset that stands for it.
 
-    Speeds at their motor speeds, steps per turn, turning, closed paths driven by the clock,
-    V-shaped steps, and on which parameters the speeds depend. What is measured is kept in the
+    It compares speeds at their motor speeds, steps per turn, turning, closed paths driven by the
+    clock, V-shaped steps, and the sensitivity of speeds to parameters. Measurements are kept in the
     cache: the same command resumes.
     """
 
     out: Folder = Path("runs/validation")
     """Folder of the tables: validation.json and validation.md."""
     quick: bool = False
-    """Two phases and two robots instead of eight each: to see that it works."""
+    """Short trial: two phases and two robots instead of eight each."""
     seed: Seed = 0
     motor_fmu: MotorFmuFile = None
 

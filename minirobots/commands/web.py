@@ -12,7 +12,7 @@ from minirobots.options import File, ScenarioName, Seed, Simulating
 class Web(Simulating):
     """Write one HTML file that plays the episodes of a policy in a browser, without network.
 
-    Motors, bodies, steering and policies run in it as C, compiled to WebAssembly (docs/web.md says
+    Motors, bodies, steering and policies run in it as C, compiled to WebAssembly (docs/web.md lists
     what is the same as in the co-simulation and what is refused). The file opens from disk.
     """
 

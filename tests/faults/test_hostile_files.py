@@ -274,7 +274,7 @@ SCENARIOS = {
     "a number of a thousand digits": Hostile(text(f"rows = {'9' * 1000}\n" + ROBOT), "rows"),
     "a number of ten thousand digits": Hostile(text(f"rows = {'9' * 10**4}\n" + ROBOT), "TOML"),
     "an unknown key": Hostile(text("colour = 1\n" + ROBOT), "unknown field 'colour'"),
-    "another type": Hostile(text('rows = "many"\n' + ROBOT), "rows: expected 'int | null', got 'str'"),
+    "another type": Hostile(text('rows = "many"\n' + ROBOT), "rows: expected 'int | null'"),
     "arrays without end": Hostile(text("a = " + "[" * 10**5), "TOML"),
     "a key of twenty thousand parts": Hostile(
         text(f"rows = 9\n{DEEP} = 1\n" + ROBOT), "line 2 has a key of more than 32 parts"

@@ -19,7 +19,7 @@ MOST_SPEED_RAD_S = 5800.0  # what the motors reach at their largest voltage
 
 
 class TrackError(UserError):
-    """A track that cannot be used; the message names file, line and how to fix it."""
+    """Invalid track. The message names file, line and how to fix it."""
 
 
 _KIND = Kind("track", "record it again, see docs/identification.md", TrackError)

@@ -21,7 +21,7 @@ _FACTORS, _LENGTHS_M = (1e-2, 1e2), (1e-3, 0.2)
 
 
 class Design(msgspec.Struct, frozen=True, kw_only=True):
-    """The content of `--json`; units in the names, None for what cannot be.
+    """The content of `--json`; units in the names, None for impossible values.
 
     Attributes:
         speed_m_s: wanted.

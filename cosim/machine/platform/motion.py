@@ -46,7 +46,7 @@ class Platform(NamedTuple):
 
 
 def fig_3_platform(preset: Fig3Params = FIG_3, g: float = TABLE_II.g) -> Platform:
-    """The platform whose motion looks like the printed Fig. 3."""
+    """The platform with a motion like the printed Fig. 3."""
     return Platform(preset.M, preset.m, preset.r, preset.mu, g)
 
 

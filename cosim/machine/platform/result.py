@@ -70,7 +70,7 @@ class PlatformResult(NamedTuple):
     """Everything that the command finds; the fields of its parts have these names before them.
 
     Attributes:
-        paper: the platform whose motion looks like the printed Fig. 3.
+        paper: the platform with a motion like the printed Fig. 3.
         table_ii: the robot of Tables I and II, or of another machine.
         table: net speeds over friction and motor speed.
     """

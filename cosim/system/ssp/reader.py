@@ -33,7 +33,7 @@ _FMU = "application/x-fmu-sharedlibrary"
 _EXCHANGE = {"any": None, "CoSimulation": False, "ModelExchange": True}
 _SYSTEM_FILE = Kind("system file", "export it as SSP 1.0 or 2.0 (.ssp or .ssd)", GraphError)
 Connector = tuple[str, str]  # place of an element, and name
-# Kinds of connectors whose element takes or gives a value.
+# Kinds of connectors with an element that takes or gives a value.
 _TAKING = ("input", "parameter", "structuralParameter")
 _GIVING = ("output", "calculatedParameter", "local")
 
@@ -228,7 +228,7 @@ class _Reader:
         self._components[name] = fmu
 
     def _read_connection(self, connection: Element, place: str, names: set[str]) -> None:
-        """Note a connection, whose direction connectors tell, not the words start and end."""
+        """Note a connection; connectors define its direction, not the words start and end."""
         ends: list[tuple[Connector, tuple[int, ...]]] = []
         gives: list[bool] = []
         words = [connection.get(f"{side}{end}") for side in ("start", "end")
@@ -325,7 +325,7 @@ class _Reader:
         return fmu and unit_use(fmu.variables[connector[1]], fmu.description)
 
     def _arriving(self, connector: Connector) -> tuple[_Signal | None, _Signal | None]:
-        """Return what arrives at a connector of a system, whose wires are followed backwards."""
+        """Return what arrives at a connector of a system, by following wires backwards."""
         chain: dict[Connector, None] = {}
         at = connector
         while at not in self._signals and at[0] not in self._components:
