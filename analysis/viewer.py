@@ -1,4 +1,4 @@
-"""Recordings in the Rerun viewer: a picture, and what the viewer says of them.
+"""Recordings in the Rerun viewer: a picture, and the viewer's report.
 
 The viewer runs headless and draws with software Vulkan, which on Debian takes the packages
 mesa-vulkan-drivers, libvulkan1 and libegl1.
@@ -32,7 +32,7 @@ class ViewerError(UserError):
 
 @dataclass(frozen=True)
 class ViewerReport:
-    """Return what the viewer says of a recording.
+    """The viewer's report on a recording.
 
     Attributes:
         views: name of each view with the reports of what it could not draw.
@@ -55,7 +55,7 @@ def screenshot(
     *,
     visit_tabs: bool = False,
 ) -> ViewerReport:
-    """Open a recording headless, save what is seen, and report what the viewer says.
+    """Open a recording headless, save a picture, and return the viewer's report.
 
     Args:
         recording: to open.

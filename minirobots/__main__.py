@@ -1,4 +1,4 @@
-"""`minirobots`: all commands under one name, each loaded when it is asked for."""
+"""`minirobots`: all commands under one name, each loaded when it is called."""
 
 import sys
 from pathlib import Path
@@ -21,7 +21,7 @@ def purposes() -> dict[str, str]:
 
 
 def main() -> None:
-    """Hand over to a command, or say which there are."""
+    """Run a command, or list all commands."""
     end_at_interrupt()
     name, *rest = sys.argv[1:] or ["--help"]
     known = purposes()

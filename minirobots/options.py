@@ -187,6 +187,6 @@ class Resumable(CommandOptions):
     """Options of a command that continues where an interrupt ended it."""
 
     def interrupted(self) -> str:
-        """Say where results are."""
+        """Return where the results are."""
         out: Path = getattr(self, "folder", getattr(self, "out", Path()))
         return f"results so far are in {out}/; the same command continues"

@@ -30,7 +30,7 @@ def reproduce(
     progress: Progress = silent,
     say: Callable[[str], None],
 ) -> Path:
-    """Run what is not finished, then draw the figures and write the report.
+    """Run all unfinished stages, then draw the figures and write the report.
 
     Called again after an interrupt, the commands continue or start again.
 
@@ -71,7 +71,7 @@ def reproduce(
 
 
 def _settings(result: Result, profile: Profile, seed: int, jobs: int) -> dict[str, Any]:
-    """Return the options of a result's command, as much as the profile says, without --out."""
+    """Return the options of a result's command that the profile sets, without --out."""
     match result.command_name:
         case "calibrate":
             return {"jobs": jobs}

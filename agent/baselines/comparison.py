@@ -151,7 +151,7 @@ def baselines(
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> BaselinesReport:
-    """Train and simulate what is missing, and write the table.
+    """Train and simulate missing results, and write the table.
 
     Seed by seed: a budget that is used up leaves out seeds, not learners. Arguments are options of
     the command.
@@ -192,7 +192,7 @@ def baselines(
 
 
 def _drives(training: _Training, results: Mapping[int, EpisodeResult]) -> tuple[Drive, ...]:
-    """Return what is kept of a training's episodes, by index of the start."""
+    """Return the stored values of a training's episodes, by index of the start."""
     if not results:
         return ()
     least = _least_times(training.scenario, _through(training.learner, training.scenario))

@@ -1,4 +1,4 @@
-"""Certificates: what is claimed of a policy, what episodes decided, and what they were.
+"""Certificates: the claim about a policy, the verdict, and the episodes behind it.
 
 A certificate is a folder: `certificate.json`, the policy and the results of the episodes.
 """
@@ -190,7 +190,7 @@ def without_timing(result: EpisodeResult) -> EpisodeResult:
 def judge(
     case: Case, test: SequentialTest, claim: Claim, results: Mapping[int, EpisodeResult]
 ) -> tuple[Verdict, Evidence]:
-    """The verdict on a claim, and what it stands on.
+    """The verdict on a claim, and its evidence.
 
     Args:
         case: the case of the episodes.

@@ -119,7 +119,7 @@ def certify_case(
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> Certificate:
-    """Simulate what is missing until the claim is decided, and write the certificate.
+    """Simulate missing episodes until the claim is decided, and write the certificate.
 
     An undecided one is written before any episode, so that no attempt goes unseen. A certificate
     that has decided is final: it is returned as it is.

@@ -43,7 +43,7 @@ ALTERED, FOUND = 0.01, 0.95
 
 
 class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
-    """A certificate next to what is found now.
+    """A certificate compared with the present findings.
 
     Attributes:
         certificate: file.

@@ -103,7 +103,7 @@ def estimate_collisions(
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> SplittingReport:
-    """Simulate what is missing of the roots and their branches, and write the estimate.
+    """Simulate missing roots and branches, and write the estimate.
 
     Args:
         case: policy and configuration.

@@ -10,7 +10,7 @@ from cosim.model.world import IDEAL
 
 
 def show_certificate(certificate: Certificate) -> None:
-    """Print the verdict and what it stands on."""
+    """Print the verdict and its evidence."""
     evidence, starts = certificate.evidence, certificate.starts
     ended = ", ".join(f"{count} {outcome}" for outcome, count in evidence.outcomes.items())
     print(said(certificate))

@@ -216,7 +216,7 @@ class NetworkPolicy(GreedyPolicy):
         return digest_of(self.config.process, *self.network)
 
     def maps(self) -> list[PolicyMap]:
-        """Return what the network says to each robot of each cell while all others have arrived."""
+        """Return the network's values for each robot in each cell while all others have arrived."""
         scenario = self.config.scenario
         columns, rows = scenario.columns, scenario.rows
         targets = np.array(scenario.targets)

@@ -113,7 +113,7 @@ class EnvBoards(Restorable, ABC):
         self.arrays: Results = Results(np.full(count, TIMEOUT), seen, np.zeros(rows), *flags)
 
     def seed(self, seeds: Sequence[Any]) -> None:
-        """Seed the K boards; None leaves one as it is."""
+        """Seed the K boards; None does not change a board."""
         for m, seed in enumerate(seeds):
             if seed is not None:
                 self._seed(m, seed)
@@ -170,7 +170,7 @@ class EnvBoards(Restorable, ABC):
         """(K, N) float64."""
 
     def infos(self, *, names: bool) -> dict[str, np.ndarray]:
-        """Return what is said of all robots in addition to their observations, (K, N) each.
+        """Return the infos of all robots, in addition to their observations, (K, N) each.
 
         Args:
             names: whether `outcome_name` is there, the text of the code `outcome`.

@@ -222,7 +222,7 @@ def _simulate(
     where: Workers,
     progress: Progress,
 ) -> None:
-    """Simulate what is missing of a search."""
+    """Simulate the missing episodes of a search."""
     scenario, space = case.policy.config.scenario, case.space
     if case.search == "surrogate":
         search = surrogate_search(space, case.policy, case.fmu, case.objective, case.seed, progress)

@@ -1,4 +1,4 @@
-"""Ranges that a search may choose from, and the episode that a vector in them stands for.
+"""Ranges of a search, and the episode of a vector in them.
 
 A vector has a coordinate for the start of every robot, for the initial phase of every motor, for
 the seed of the noise, and for everything of the world that has a range. Coordinates are any real
@@ -149,7 +149,7 @@ class Space:
 
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
-        """Return what each coordinate of a vector stands for, such as "start of r1"."""
+        """Return the meaning of each coordinate of a vector, such as "start of r1"."""
         several = [r for r, c in zip(self._robots, self._chains, strict=True) if len(c) > 1]
         of = {START: several, PHASE: self._motors}
         searched = [name for name in NAMES if len(set(self.ranges.get(name, (0.0,)))) > 1]
@@ -165,7 +165,7 @@ class Space:
         return np.array([_STEPS.get(name.partition(" ")[0], _STEP) for name in self.coordinates])
 
     def point(self, vector: np.ndarray) -> ChosenEpisode:
-        """The episode that a vector stands for.
+        """The episode of a vector.
 
         Args:
             vector: (D,) of the `coordinates`; any real numbers.

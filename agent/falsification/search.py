@@ -17,14 +17,14 @@ _SILENT = -9
 
 
 class Search(Protocol):
-    """Asks for episodes in generations."""
+    """A search that requests episodes in generations."""
 
     def ask(self) -> np.ndarray:
         """(GENERATION, D) vectors of the next episodes."""
         ...
 
     def tell(self, vectors: np.ndarray, costs: np.ndarray) -> None:
-        """Learn the costs (GENERATION,) of the vectors asked for; the least is searched."""
+        """Learn the costs (GENERATION,) of the requested vectors; the least is searched."""
         ...
 
 
@@ -88,7 +88,7 @@ class EvolutionSearch:
 
 
 def new_search(name: Literal["cma", "random"], steps: np.ndarray, seed: int) -> Search:
-    """A search from its beginning that knows no model; see `agent.falsification.surrogate`.
+    """A search from its beginning without a model; see `agent.falsification.surrogate`.
 
     Args:
         name: how it chooses.

@@ -1,4 +1,4 @@
-"""A search that asks a cheap model first: episodes on observed moves (`agent.moves.foresight`).
+"""A search with a cheap model first: episodes on observed moves (`agent.moves.foresight`).
 
 In an ideal world the start decides most of an episode. So starts are simulated in the order of what
 the model expects of them, the worst first, and those that came near once come again.

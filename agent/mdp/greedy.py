@@ -1,4 +1,4 @@
-"""Base of all trained policies: they act greedily, on the process that they know."""
+"""Base of all trained policies: they act greedily, on the process of their training."""
 
 from abc import ABC, abstractmethod
 from functools import cached_property

@@ -157,7 +157,7 @@ def _turned_back(x: float, y: float, quadrants: int) -> tuple[float, float]:
 
 
 def require_rl_step(rl_step_s: float) -> None:
-    """Refuse moves of robots that are asked less often than the paper's.
+    """Refuse moves with a longer RL step than the paper's.
 
     Raises:
         MovesError: they are.

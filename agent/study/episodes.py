@@ -1,4 +1,4 @@
-"""Tables of episodes: which episodes make a row, what a row says, and how it reads."""
+"""Tables of episodes: the episodes of a row, its statistics, and its text."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -82,7 +82,7 @@ def evaluate(
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> EvaluationReport:
-    """Simulate what is missing, and record what is to be recorded.
+    """Simulate missing episodes, and record the selected ones.
 
     Arguments are options of the command; policies are files, folders of runs, or what `policy_of`
     takes.

@@ -45,7 +45,7 @@ def leaderboard(
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> list[Entry]:
-    """Measure what is missing, write leaderboard.json and .md, and return the entries.
+    """Measure missing rows, write leaderboard.json and .md, and return the entries.
 
     In each scenario the policy that succeeds most comes first, of equal ones the fastest. Episodes
     are with `--through`.

@@ -61,7 +61,7 @@ class ObjectPolicy:
         return f"{self._digest}-{self.config.scenario.digest()}"
 
     def maps(self) -> list[Any]:
-        """Return what the object thinks of the cells of the board, if it says that."""
+        """Return the object's maps of the cells of the board, if it has any."""
         return getattr(self.policy, "maps", list)()
 
     def __getattr__(self, name: str) -> Any:

@@ -77,7 +77,7 @@ def robustness(
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> RobustnessReport:
-    """Simulate what is missing of the table, and write it with its plot.
+    """Simulate the missing rows of the table, and write it with its plot.
 
     Arguments are options of the command, `world` the one in which nothing is ideal.
     """

@@ -192,7 +192,7 @@ class EpisodeStore:
         self._files: dict[str, ResultFile] = {}
 
     def file(self, case: Case) -> ResultFile:
-        """Return the episodes of a case, read from its file when it is first asked for."""
+        """Return the episodes of a case, read from its file at the first call."""
         if case.digest not in self._files:
             self._files[case.digest] = ResultFile(self.folder, case)
         return self._files[case.digest]

@@ -73,7 +73,7 @@ def transfer(
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> TransferReport:
-    """Simulate what is missing and write the table; arguments are options of the command."""
+    """Simulate missing episodes and write the table; arguments are options of the command."""
     may_begin, store = until(budget_minutes), EpisodeStore(out / "results")
     lines: list[StudyLine] = []
     for method in (method for method in METHODS if method in methods):

@@ -73,7 +73,7 @@ class StudyRow(EpisodesRow, frozen=True, kw_only=True):
         return {"policy": self.policy, "scenario": self.scenario} | plain
 
     def record(self) -> dict[str, Any]:
-        """Return the row without single episodes: what names it, and what was measured."""
+        """Return the row without single episodes: its names and its measurements."""
         row = msgspec.structs.asdict(self)
         for name in ("options", "results", "failures"):
             del row[name]

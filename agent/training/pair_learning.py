@@ -100,7 +100,7 @@ def _known_s(times: PairTimes, at: np.ndarray) -> float:
 def _learn(
     times: PairTimes, visits: np.ndarray, at: np.ndarray, time_s: float, eta: np.float32
 ) -> None:
-    """Move what is known of a commitment towards a time of both robots in s."""
+    """Move the value of a commitment towards a time of both robots in s."""
     p, axis, q, other = at[0], at[1], at[2], at[3]
     delay = np.float32((time_s - times.alone[0, p, axis] - times.alone[1, q, other]) / GRAIN_S)
     known = times.delay[p, axis, q, other]

@@ -182,7 +182,7 @@ class Policy(GreedyPolicy):
         return digest_of(self.config.process, self.values)
 
     def maps(self) -> list[PolicyMap]:
-        """Return what each robot's table says of the cells of the board, for pictures."""
+        """Return maps of each robot's table over the cells of the board, for pictures."""
         tables = zip(self.values, self.visits, strict=True)
         return [cell_map(self.process, values, visits) for values, visits in tables]
 

@@ -1,4 +1,4 @@
-"""Training as Rerun recordings: learning curves, and what the tables say at several moments.
+"""Training as Rerun recordings: learning curves, and maps of the tables at several moments.
 
 One run is `write_training`; the mean and the scatter of many runs are `write_runs`. TensorBoard
 reads the curves that `write_events` writes.

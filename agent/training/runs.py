@@ -169,7 +169,7 @@ def _watched(
     progress: Progress,
     task: str,
 ) -> Iterator[None]:
-    """Tell the progress of all runs while the body computes them."""
+    """Report the progress of all runs while the body computes them."""
     episodes = experiment.learning.episodes
     over = threading.Event()
 

@@ -122,7 +122,7 @@ def serving(folder: Path, port: int = 0) -> Iterator[list[Dataset]]:
 
 
 def _dataset(entry: "DatasetEntry", paths: list[Path], layouts: Path, url: str) -> Dataset:
-    """Read the table of a dataset, and say how viewers show it and its episodes."""
+    """Read the table of a dataset, and set how viewers show it and its episodes."""
     table = entry.segment_table().to_arrow_table()
     rows = [
         {name: _value(row.get(source)) for name, source in COLUMNS.items()}

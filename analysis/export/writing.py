@@ -107,7 +107,7 @@ def _write_csv(episode: Episode, out: Path, progress: Progress) -> None:
 
 
 def _write_mat(episode: Episode, out: Path, progress: Progress) -> None:
-    """A struct per signal, named by its path with underscores, and one with what was run."""
+    """A struct per signal, named by its path with underscores, and one with the configuration."""
     variables: dict[str, Any] = {"facts": json.dumps(facts_of(episode))}
     for path, signal in episode.signals.items():
         variables[_identifier(path, variables)] = {

@@ -74,7 +74,7 @@ def sequel(results: Path) -> Drawing:
 def _with_differences(
     drawing: Drawing, results: Path, measure: str, factor: float, unit: str
 ) -> Drawing:
-    """Have the caption say how the variants differ from their references in a measure."""
+    """Add to the caption how the variants differ from their references in a measure."""
     content = read_experiment(drawing.caption.figure, results)
     numbers, parts = dict(drawing.caption.numbers), []
     for name, measures in content.differences.items():

@@ -112,7 +112,7 @@ def path_length_m(episode: Episode, robot: str) -> float | None:
 
 
 def inspect_episode(episode: Episode) -> Inspection:
-    """Return what an episode's recording holds, and its findings."""
+    """Return the content of an episode's recording, and its findings."""
     robots = {}
     for robot in episode.robots:
         moves = episode.moves[robot]

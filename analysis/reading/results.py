@@ -47,7 +47,7 @@ class Result:
         return results / self.path
 
     def proof_in(self, results: Path) -> Path:
-        """The file in a results folder that says it is there."""
+        """The file in a results folder that proves that the result exists."""
         return self.location(results) / self.proof
 
     def exists(self, results: Path) -> bool:

@@ -49,7 +49,7 @@ class _Handler(SimpleHTTPRequestHandler):
     }
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base's name
-        """Say nothing of requests: the terminal keeps showing the address."""
+        """Print no requests, so that the terminal keeps showing the address."""
 
     def send_head(self) -> Any:
         """Send the head of an answer; return what follows it."""
@@ -77,7 +77,7 @@ class _Handler(SimpleHTTPRequestHandler):
         return file
 
     def _served(self) -> Path | None:
-        """File or folder that is asked for, if it is in the served folder, links followed."""
+        """Requested file or folder, if it is in the served folder, links followed."""
         try:
             path = Path(self.translate_path(self.path))
             page = path / PAGE if path.is_dir() else path
@@ -87,7 +87,7 @@ class _Handler(SimpleHTTPRequestHandler):
             return None
 
     def copyfile(self, source: Any, outputfile: Any) -> None:
-        """Send a file, or the part of it that is asked for."""
+        """Send a file, or the requested part of it."""
         if self._bytes is None:
             super().copyfile(source, outputfile)
         while self._bytes and (chunk := source.read(min(self._bytes, 2**16))):

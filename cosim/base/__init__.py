@@ -1,1 +1,1 @@
-"""Numbers, files and refusals: what everything else stands on."""
+"""Numbers, files and errors: the base of all other packages."""

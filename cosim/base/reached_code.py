@@ -102,7 +102,7 @@ def _path(module: str) -> Path | None:
 
 
 def content(path: Path) -> bytes:
-    """Return what a source file says."""
+    """Return the content of a source file."""
     return path.read_bytes()
 
 
@@ -145,7 +145,7 @@ def _submodule(origin: str, inner: str) -> str | None:
 
 
 class _Definition(NamedTuple):
-    """Return what a name stands for.
+    """The definition of a name.
 
     Attributes:
         text: its syntax, without what does not decide bits.
@@ -206,7 +206,7 @@ class _Source:
             self.statements[name].append(node)
 
     def definition(self, name: str) -> _Definition:
-        """Return what a name stands for, an empty definition if the module does not say."""
+        """Return the definition of a name, empty if the module has none."""
         if name not in self._definitions:
             reader = _SyntaxReader(self.imports)
             texts = [reader.text(node) for node in self.statements.get(name, ())]

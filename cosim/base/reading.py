@@ -1,4 +1,4 @@
-"""Files read back: what they hold, or a one-line error that says what is wrong with them.
+"""Files read back: their content, or a one-line error that names the fault.
 
 Whatever a file is (missing, a folder, a device, cut off, bits flipped, made by another program),
 reading it ends in its reader's own error. Memory is taken for what the file holds, not for what it
@@ -54,7 +54,7 @@ class Kind(NamedTuple):
 
 
 def require_file(path: Path, kind: Kind) -> None:
-    """Refuse what is no file.
+    """Refuse a path that is not a file.
 
     Raises:
         UserError: `kind.error`, which says what it is.
@@ -126,7 +126,7 @@ def read_json(path: Path, kind: Kind, form: Any = Any) -> Any:
 
 
 def read_toml(path: Path, kind: Kind) -> dict[str, Any]:
-    """Tables of a TOML file, which people write: what is wrong in it has its line.
+    """Tables of a TOML file, which users write: errors name the line.
 
     Raises:
         UserError: `kind.error`.

@@ -99,7 +99,7 @@ def cached(
     *,
     again: bool = False,
 ) -> Value:
-    """Return what a file of the cache, or of `PACKAGED`, holds; make it if missing or damaged.
+    """Return the content of a file of the cache or `PACKAGED`; make it if missing or damaged.
 
     Args:
         path: of the file; its SHA-256 is kept next to it.

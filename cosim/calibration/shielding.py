@@ -46,7 +46,7 @@ def _kept(
     config: CoSimConfig,
     motor_fmu: Path,
 ) -> tuple[float, ...]:
-    """Return what is measured for a configuration, from the cache where it is there."""
+    """Return the measurements for a configuration, from the cache if they are there."""
     key = digest_of(config, identity_of_fmu(motor_fmu), code_digest(measure))
     return cached(
         cache_dir("calibrations") / f"{key}.json",

@@ -82,7 +82,7 @@ def robot_properties(
 def check_motors(
     fmu: MotorFmu, config: CoSimConfig, robots: int, *, adaptive: bool = False
 ) -> None:
-    """Refuse an FMU that cannot do what a run asks of it.
+    """Refuse an FMU without a capability that a run needs.
 
     Args:
         fmu: of every motor.
@@ -303,7 +303,7 @@ class Motors:
 
     @contextlib.contextmanager
     def rolled_back(self) -> Iterator[None]:
-        """On leaving, every instance is where it was on entering; steps in between say so."""
+        """Restore the state of every instance on leaving; steps in between are marked."""
         ticks = self.calls.ticks.copy()
         with contextlib.ExitStack() as stack:
             for _, motor in self._running():
@@ -312,7 +312,7 @@ class Motors:
         self.calls.ticks[:] = ticks
 
     def error(self, place: int, what: str, dt_s: float, status: int = FMI_ERROR) -> FmuError:
-        """The error that tells which instance failed, when, and what the FMU said last."""
+        """The error with the failed instance, the time, and the last message of the FMU."""
         motor = self._instances[place]
         assert motor is not None
         return motor.error(self.calls.ticks[place] * dt_s, what, status)

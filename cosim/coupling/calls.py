@@ -1,4 +1,4 @@
-"""The motors' FMUs as compiled code reaches them: what is set, stepped and got, on which signals.
+"""The motors' FMUs in compiled code: the calls that set, step and get, and their signals.
 
 An instance is one motor, or all motors as arrays. Signals stand in arrays (6, B), see
 `cosim.coupling.signals.State`: motors D of all columns, then motors E, one signal after the other.

@@ -193,7 +193,7 @@ class MotorFmu(Fmu):
         return Motor(self, name, parameters or {}, motors, sampling)
 
     def configure(self, slave: Any, motors: int, sampling: Sampling | None) -> None:
-        """Say how many motors an instance of arrays has, and which samples its steps."""
+        """Set the number of motors of an instance of arrays, and the samples of its steps."""
         if self._size is None:
             return
         sizes = {self._size: motors}
@@ -336,7 +336,7 @@ class Motor:
 
     @contextlib.contextmanager
     def rolled_back(self) -> Iterator[None]:
-        """On leaving, the instance is where it was on entering; steps in between say so."""
+        """Restore the state of the instance on leaving; steps in between are marked."""
         saved, self._returns = self.slave.getFMUState(), True
         try:
             yield
@@ -354,7 +354,7 @@ class Motor:
             raise self.error(time_s, what, error.status) from error
 
     def error(self, time_s: float, what: str, status: int = FMI_ERROR) -> FmuError:
-        """The error that tells which instance failed, when, and what the FMU said last."""
+        """The error with the failed instance, the time, and the last message of the FMU."""
         return self.fmu.failure(self.slave, self.name, self.log, time_s, what, status)
 
     def close(self) -> None:

@@ -46,7 +46,7 @@ def require_fmi_3(path: Path, description: ModelDescription) -> None:
 
 
 def array_size(path: Path, variables: Mapping[str, ModelVariable]) -> int | None:
-    """Value reference of the parameter that says how many motors an instance has; None if one.
+    """Value reference of the parameter for the number of motors of an instance; None if one.
 
     Args:
         path: of the FMU.

@@ -13,7 +13,7 @@ _OF_BODY = ("m", "r", "J", "g")  # also in Eq. (3)
 
 
 def with_motor(config: CoSimConfig, motor_fmu: Path) -> CoSimConfig:
-    """Return a configuration with the parameters that a motor FMU says it has.
+    """Return a configuration with the parameters that a motor FMU reports.
 
     What the configuration says of motors other than Table II, and its `motor_parameters`, are set
     first. A parameter that the FMU does not expose is unknown; the body has the configuration's

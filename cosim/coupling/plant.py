@@ -106,7 +106,7 @@ class Plant(NamedTuple):
 
 @inlined
 def begin_step(plant: Plant, state: State) -> None:
-    """Keep what both sides know at the start of a communication step, if it will be needed."""
+    """Keep the values of both sides at the start of a communication step, if needed later."""
     # Element by element, here and below: numba takes longer to compile one slice assignment than
     # all of this module.
     rows, columns = state.held.shape

@@ -1,4 +1,4 @@
-"""One RL step of the co-simulation: what a policy is asked, and what came of it."""
+"""One RL step of the co-simulation: the policy's input and the result."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol

@@ -80,7 +80,7 @@ class Isolation:
 
 
 def note_end(status: int) -> None:
-    """Note that results are whole: whatever FMUs do after it, the exit status is this one."""
+    """Note that results are complete: this exit status holds even if FMUs fail later."""
     if _NOTES in os.environ:
         _note(_ENDED).write_text(str(status))
 

@@ -262,7 +262,7 @@ class CoSimConfig:
 
     @property
     def periods_per_noise_value(self) -> int:
-        """Control periods for which one noise value holds."""
+        """Number of control periods of one noise value."""
         return round(self.noise.hold_s / self.timing.control_period_s)
 
     def table(self) -> dict[str, dict[str, Any]]:

@@ -89,7 +89,7 @@ class Preset(NamedTuple):
         return replace(machine, steering=_steering(share)).in_world(self.in_world(world))
 
     def in_world(self, world: World) -> World:
-        """A world with what the machine brings along; where the world says something, it holds."""
+        """A world with the machine's values; explicit values of the world override them."""
         brought = {
             name: getattr(self.world, name)
             for name in (*WORLD_FIELDS, "sensor")

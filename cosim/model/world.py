@@ -86,7 +86,7 @@ _NO_CAMERA = Sensor()
 
 
 class World(_Record, frozen=True, forbid_unknown_fields=True):
-    """A world as declared; None where nothing is said and the machine's value holds.
+    """A world as declared; None where the machine's value applies.
 
     >>> import minirobots as mr
     >>> mr.World(mu=0.2, mu_patches=[{"cells": (10, 0, 19, 29), "mu": 0.3}]).mu_patches[0].mu

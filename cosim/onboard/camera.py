@@ -42,7 +42,7 @@ def camera_of(sensor: Sensor, control_period_s: float) -> np.ndarray:
 
 
 def frames_in_flight(sensor: Sensor) -> int:
-    """Return the number of frames that can be under way at once."""
+    """Return the largest number of frames in flight at once."""
     return math.ceil(1e-3 * sensor.delay_ms * sensor.rate_hz) + 2 if sensor.rate_hz else 0
 
 

@@ -79,7 +79,7 @@ def _predict(
 def start_estimate(
     estimate: np.ndarray, pose: Pose, position_variance: float, heading_variance: float
 ) -> None:
-    """Begin where the robot was set down, as surely as one frame would say it."""
+    """Begin at the robot's start pose, with the uncertainty of one frame."""
     for k in range(ESTIMATE_SIZE):
         estimate[k] = 0.0
     _put(estimate, _STATE, pose)
@@ -106,7 +106,7 @@ def take_command(
     params: EstimatorParams,
     portable: bool = False,
 ) -> None:
-    """Add up what is commanded.
+    """Add up the commanded motion.
 
     Args:
         estimate: of the robot, see the layout.

@@ -114,7 +114,7 @@ def permitted(
     margin_m: float,
     turns: np.ndarray,
 ) -> int:
-    """The direction that a robot may take when it wants another.
+    """The permitted direction of a robot, given its desired one.
 
     Args:
         board: cells, obstacles and diameter of the robots.

@@ -29,7 +29,7 @@ _SCALARS = (types.Float, types.Integer)
 
 
 def width_of(lanes: int) -> Width:
-    """Type that tells compiled code the number of lanes, a power of two."""
+    """Type with the number of lanes, a power of two, for compiled code."""
     return (0,) * lanes
 
 
@@ -43,7 +43,7 @@ def host_lanes() -> int:
 
 
 class _Vector(types.Type):
-    """Common base of lanes and masks: one element may stand for all."""
+    """Common base of lanes and masks: one element may represent all."""
 
     elements: tuple[type, ...]
 

@@ -1,4 +1,4 @@
-"""Neighbours of robots by cells: what is looked at for a robot does not grow with their number.
+"""Neighbours of robots by cells: the cost for a robot does not grow with their number.
 
 The board is divided into cells at least as wide as the distance of interest, so that everything
 within it is in the 3 x 3 cells around a place. Everything is found in the order of its columns,

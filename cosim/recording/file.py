@@ -1,4 +1,4 @@
-"""Rerun files that are whole or say so: one `.rrd` from opening to renaming.
+"""Rerun files, complete or marked as incomplete: one `.rrd` from opening to renaming.
 
 Data goes to `<name>.rrd.part` and gets its name when it is complete, and on request to a viewer at
 the same time. What is written of an entity at once becomes one chunk: the index of chunks, which
@@ -98,7 +98,7 @@ class Sink(ABC):
                 self.send([_chunk(entity, parts)])
 
     def flush(self) -> None:
-        """Write out what was taken so far."""
+        """Write out the data so far."""
         self.send_rows()
 
     @abstractmethod
@@ -130,7 +130,7 @@ class Kept(Sink):
         self.chunks += chunks
 
     def check_space(self) -> None:
-        """Return at once: what is kept in memory needs no disk."""
+        """Return at once: data in memory needs no disk."""
 
     def write(self, path: Path) -> None:
         """Write a file.
@@ -229,7 +229,7 @@ class Recording(Sink):
         self.stream.send_chunks(chunks)
 
     def flush(self) -> None:
-        """Write out what was taken so far.
+        """Write out the data so far.
 
         Raises:
             RecordingError: it did not reach the disk, or not in time.
@@ -259,7 +259,7 @@ class Recording(Sink):
             raise self._incomplete(error) from error
 
     def _lose_viewer(self) -> None:
-        """Say once that the viewer is gone; what follows still goes to the file."""
+        """Report once that the viewer is gone; later data still goes to the file."""
         if not self._lost:
             print(
                 f"the viewer at {self._viewer} is gone; {self.path} is written on", file=sys.stderr

@@ -94,7 +94,7 @@ class PipedFile:
                 selector.select()
 
     def _move(self) -> bool:
-        """Move what is in the pipe to the file; False after its last writer has closed it."""
+        """Move data from the pipe to the file; False after its last writer has closed it."""
         with self._lock, contextlib.suppress(BlockingIOError):
             while count := os.readv(self._reader, [self._buffer]):
                 self._write(self._buffer[:count])

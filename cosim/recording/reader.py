@@ -107,7 +107,7 @@ def _short(path: str) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Episode:
-    """The record of an episode: what was run, how it ended, and every signal.
+    """The record of an episode: configuration, outcome, and every signal.
 
     >>> import minirobots as mr
     >>> policy = mr.train("1a", method="shortest", progress=None)

@@ -126,7 +126,7 @@ def write_scene(
 
 
 def _disc(robot: RobotParams) -> rr.Mesh3D:
-    """The top of a robot, notched at its front: what is drawn once for each robot of a swarm."""
+    """The top of a robot, notched at its front; drawn once for each robot of a swarm."""
     angle, top = np.radians(np.arange(15, 376, 30)), robot.height_m - robot.com_height_m
     rim = robot.diameter_m / 2.0 * np.column_stack([np.cos(angle), np.sin(angle)])[:-1]
     k = np.arange(1, len(rim))

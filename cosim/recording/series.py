@@ -121,7 +121,7 @@ RL_SERIES = {
 
 
 def signals_of(distances: bool, *, camera: bool, loop: bool) -> list[SignalSpec]:
-    """Those that say something: no distances of a robot alone, no estimates of exact poses.
+    """The meaningful ones: no distances of a robot alone, no estimates of exact poses.
 
     Args:
         distances: whether there are several robots, all of which are sampled.

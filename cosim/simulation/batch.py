@@ -341,7 +341,7 @@ class Batch:
         }
 
     def stop(self, place: int) -> None:
-        """Leave an episode as it is; its robots stand still from now on."""
+        """Stop an episode; its robots stand still from now on."""
         columns = self._columns(place)
         self.state.running[place] = 0
         self.state.ended[:, columns] = self.state.bodies[:, columns]

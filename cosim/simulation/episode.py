@@ -223,7 +223,7 @@ class RunningEpisode:
         self._tick += periods * self.config.ticks_per_period
 
     def end_step(self) -> Step:
-        """Judge what was simulated since the step began."""
+        """Determine the outcome of the simulation since the step began."""
         in_force, before = self._action.copy(), self.observation
         first_tick, ticks = self._first_tick, self._tick - self._first_tick
         samples, raw, poses, ends_m = self._taken[0]

@@ -148,7 +148,7 @@ PROMPT_RL_STEP_S = 0.1  # assumed: robots asked so often drive on by less than 0
 
 @dataclass(frozen=True, kw_only=True)
 class DecisionOptions:
-    """Options for when robots are asked, and whether they stop for it."""
+    """Options for the times of decisions, and whether robots stop for them."""
 
     rl_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Time between two decisions in s: by default the paper's 2, and 0.1 with --through."""
@@ -219,7 +219,7 @@ class SimulationOptions(Physics, DecisionOptions):
         )
 
     def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
-        """Limit the speed to what is possible without hopping, unless it is given."""
+        """Limit the speed to the largest one without hopping, unless it is given."""
         from cosim.calibration.cache import calibrated_slower  # noqa: PLC0415 - as above
         from cosim.calibration.shielding import with_stopping_distance  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""One episode as results list it: how it ended and what was measured."""
+"""One episode in the results: its outcome and measurements."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""One episode of a policy in the co-simulation as a record to look at, for programs and notebooks.
+"""One episode of a policy in the co-simulation as a record, for programs and notebooks.
 
 Commands run many episodes through `cosim.simulation.tasks`.
 A policy is anything with `act(observation)`, which returns directions (N,) or a `Decision` with

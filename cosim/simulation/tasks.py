@@ -129,7 +129,7 @@ class Task:
 
 
 class ActiveEpisode:
-    """An episode under way, with its policy and its recorder."""
+    """A running episode, with its policy and its recorder."""
 
     def __init__(self, number: int, task: Task, batch: Batch, place: int) -> None:
         self.number = number

@@ -60,7 +60,7 @@ class _Clock:
         self.next: Fraction | float = math.inf
 
     def _tell(self, what: str, time_s: float | None = None) -> tuple[Fraction, int]:
-        """Return the interval or the shift in ticks, declared or asked for, and its qualifier."""
+        """Return the interval or the shift in ticks, declared or read, and its qualifier."""
         value, qualifier = self._declared[what], c_int(_CHANGED)
         if value is None:
             decimal, counter, resolution = c_double(), c_uint64(), c_uint64(1)
@@ -90,18 +90,18 @@ class _Clock:
             self.next = self.interval
 
     def plan(self) -> None:
-        """Plan the tick after this one, as far as it is known before the FMU is asked."""
+        """Plan the next tick, as far as it is known before the FMU returns it."""
         self.next += math.inf if self.kind == "countdown" else self.interval
 
     def update(self, now: Fraction, time_s: float) -> None:
-        """Ask in Event Mode whether it ticks after another interval from now."""
+        """Read in Event Mode whether it ticks after another interval from now."""
         interval, qualifier = self._tell("interval", time_s)
         if qualifier == _CHANGED:
             self.interval, self.next = interval, now + interval
 
 
 def _declared(element: Element, what: str) -> Fraction | None:
-    """Return the interval or the shift in s that a modelDescription tells, if it tells one."""
+    """Return the interval or the shift in s that a modelDescription declares, if any."""
     if counter := element.get(f"{what}Counter"):
         return Fraction(int(counter), int(element.get("resolution", "1")))
     decimal = element.get(f"{what}Decimal", "0" if _is_told(element) else None)
@@ -109,7 +109,7 @@ def _declared(element: Element, what: str) -> Fraction | None:
 
 
 def _is_told(element: Element) -> bool:
-    """Return whether a modelDescription tells the interval of a clock."""
+    """Return whether a modelDescription declares the interval of a clock."""
     return bool(element.get("intervalDecimal") or element.get("intervalCounter"))
 
 
@@ -176,7 +176,7 @@ class Clocks:
 
     @property
     def states(self) -> list[Any]:
-        """Return what is known of the ticks to come, which can be set again."""
+        """Return the state of the future ticks, which can be restored."""
         return [self.now, *((clock.interval, clock.next) for clock in self._clocks)]
 
     @states.setter
@@ -195,7 +195,7 @@ class Clocks:
         return min(clock.next for clock in self._clocks)
 
     def _update(self, asked: Sequence[_Clock], time_s: float) -> None:
-        """Ask for intervals in an Event Mode."""
+        """Read intervals in an Event Mode."""
         now = (Fraction(str(time_s)) - self._start_s) / self._tick_s
         for clock in asked:
             clock.update(self.now if abs(now - self.now) <= _NEAR else _rounded(now), time_s)

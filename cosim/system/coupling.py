@@ -40,7 +40,7 @@ _DIFFERENCE = 1e-6  # of finite differences, relative to the scale of an unknown
 
 
 class Coupling(NamedTuple):
-    """Unknowns and what is known of them.
+    """Unknowns and their present values.
 
     Attributes:
         held: (H,) places of inputs that methods of second order vary within a step.

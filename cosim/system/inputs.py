@@ -39,7 +39,7 @@ class Input(NamedTuple):
 def check_inputs(
     fmus: Mapping[str, Fmu], links: Sequence[Link], inputs: Mapping[str, Given]
 ) -> dict[Node, tuple[str, Given]]:
-    """Return types of inputs over time and what is given, by component and variable.
+    """Return types of inputs over time and their values, by component and variable.
 
     Raises:
         GraphError: one is no input, or has a connection.

@@ -324,7 +324,7 @@ class Instance:
             self._slave.freeFMUState(ctypes.c_void_p(state))
 
     def failure(self, time_s: float, what: str, status: int = FMI_ERROR) -> FmuError:
-        """The error that tells which component failed, when, and what it said last."""
+        """The error with the failed component, the time, and its last message."""
         return self.fmu.failure(self._slave, self.name, self.log, time_s, what, status)
 
     def close(self) -> None:

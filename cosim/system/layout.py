@@ -1,4 +1,4 @@
-"""The values of a system in one block of memory, and tables of what is copied and called.
+"""The values of a system in one block of memory, and tables of copies and calls.
 
 The block begins with what is got from components (outputs that are connected or recorded); inputs
 that are set follow. A getter or setter takes all variables of one type of a component in one call.

@@ -44,7 +44,7 @@ class SystemRun(NamedTuple):
 
 
 def write_run(path: Path, run: "SystemRun") -> None:
-    """Write what was recorded as CSV or Parquet, by the suffix; arrays have a column per value."""
+    """Write recorded rows as CSV or Parquet, by the suffix; arrays have a column per value."""
     columns: dict[str, Any] = {"time": run.time_s}
     for name, values in run.signals.items():
         if values.ndim == 1:

@@ -521,13 +521,13 @@ def _steps_of(fmus: Mapping[str, Fmu], step_s: float, own: Mapping[str, float]) 
 
 
 def require_positive(name: str, value: float) -> None:
-    """Refuse what is no positive finite number; raises GraphError."""
+    """Refuse a value that is not positive and finite; raises GraphError."""
     if not 0.0 < taken(name, value, float, GraphError) < math.inf:
         raise GraphError(f"{name} {value:g}: choose one above 0")
 
 
 def _clock() -> int:
-    """Return the address of the function that tells the time."""
+    """Return the address of the function that reads the time."""
     if os.name == "nt":
         raise GraphError("profile needs clock_gettime, which Windows does not have; leave it out")
     return function_address(ctypes.CDLL(None).clock_gettime)

@@ -48,7 +48,7 @@ class Baselines(Distributed, Resumable):
 
 
 def run(options: Baselines, progress: Progress) -> Iterator[Any]:
-    """Train and simulate what is missing, and write and print the table."""
+    """Train and simulate missing results, and write and print the table."""
     if not set(NETWORKS).isdisjoint(options.learners):
         from agent.deep import require_learners
 

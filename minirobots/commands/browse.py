@@ -34,7 +34,7 @@ class Browse(CommandOptions):
 
 
 def run(options: Browse, _: Progress) -> Iterator[Any]:
-    """Serve until Ctrl-C, or print the table; yield what is served."""
+    """Serve until Ctrl-C, or print the table; yield the served table."""
     from analysis.browse.catalog import serving
 
     with serving(options.folder, 0 if options.check else options.port) as datasets:

@@ -31,7 +31,7 @@ class Calibrate(IsolatedOptions):
 
 
 def run(options: Calibrate, progress: Progress) -> Iterator[Any]:
-    """Find or measure the calibration, write its files, and print what is possible."""
+    """Find or measure the calibration, write its files, and print the possible speeds."""
     from cosim.base.command import show_table, workers
     from cosim.base.storage import replacing, write_json
     from cosim.calibration.cache import find_calibration

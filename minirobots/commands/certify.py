@@ -148,7 +148,7 @@ def run(options: Certify, progress: Progress) -> Iterator[Any]:
 
 
 def failed(result: Any) -> bool:
-    """Return whether the claim is not certified, or the certificate does not stand."""
+    """Return whether the claim is not certified, or the certificate fails its check."""
     from agent.certification.certificate import Certificate
     from agent.certification.check import CheckReport
 

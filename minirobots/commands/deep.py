@@ -69,7 +69,7 @@ class DeepReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def run(options: Deep, progress: Progress) -> Iterator[Any]:
-    """Train, write `policy.npz` and `deep.json`, and print what was achieved and how to try it."""
+    """Train, write `policy.npz` and `deep.json`, and print the result and how to try it."""
     from cosim.base.storage import write_json
     from cosim.model.scenario_file import find_scenario
 

@@ -1,4 +1,4 @@
-"""Find designs that give a robot a wanted speed, with all feet on the floor."""
+"""Find designs that give a robot a desired speed, with all feet on the floor."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any

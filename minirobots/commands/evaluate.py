@@ -46,7 +46,7 @@ class Evaluate(Distributed, Simulating, Resumable):
 
 
 def run(options: Evaluate, progress: Progress) -> Iterator[Any]:
-    """Simulate what is missing, record failures and successes, and print what was measured."""
+    """Simulate missing episodes, record failures and successes, and print the results."""
     from agent.study.evaluate import evaluate, show
 
     arguments = options.arguments(

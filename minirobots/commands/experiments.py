@@ -40,7 +40,7 @@ class Experiments(NewFolder):
 
 
 def run(options: Experiments, progress: Progress) -> Iterator[Any]:
-    """Train what is missing, evaluate every run and print the variants."""
+    """Train missing runs, evaluate every run and print the variants."""
     from agent.experiments.results import show
     from agent.experiments.run import run_experiment
 

@@ -33,7 +33,7 @@ class Export(CommandOptions):
 
 
 def run(options: Export, progress: Progress) -> dict[str, Any]:
-    """Read the recording and write what is chosen of it."""
+    """Read the recording and write the selected signals."""
     from analysis.export.content import chosen
     from analysis.export.writing import export
     from cosim.recording.reader import read_episode

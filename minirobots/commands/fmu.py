@@ -58,14 +58,14 @@ class Build(CommandOptions):
 
     @property
     def models(self) -> tuple[Model, ...]:
-        """Models that are asked for."""
+        """Requested models."""
         if not self.what:
             return self.model
         return tuple(SHORT_NAMES[name] for name in self.what if name != "ssp")
 
 
 def _paths(options: Build, model: Model) -> dict[Fmi, Path]:
-    """File to write for each standard that is asked for and can be had."""
+    """File to write for each requested and possible standard."""
     if options.fmi is None:
         return {"3": options.out / f"{model}.fmu"}
     return {
@@ -76,7 +76,7 @@ def _paths(options: Build, model: Model) -> dict[Fmi, Path]:
 
 
 def run(options: Build, progress: Progress) -> dict[str, list[str]]:
-    """Build what is asked for."""
+    """Build the requested models."""
     from fmus.build import build_fmus
     from fmus.compiler import host_target
     from fmus.ssp.archive import build_ssp

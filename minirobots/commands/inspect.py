@@ -14,7 +14,7 @@ _FIRST_FACTS = ("scenario", "title", "episode", "seed", "starts")
 
 
 class Inspect(CommandOptions):
-    """Say what a recorded episode holds, and where something in it looks wrong.
+    """Print the content of a recorded episode, and its anomalies.
 
     Prints what was run, the outcome, every robot's path and moves, statistics of every signal, and
     findings with the time at which to look: voltages at their limit, sliding feet, feet in the
@@ -29,7 +29,7 @@ class Inspect(CommandOptions):
 
 
 def run(options: Inspect, _: Progress) -> Iterator[Any]:
-    """Read the recording, look through it and print what was found."""
+    """Read the recording, search it for anomalies and print them."""
     from rich.console import Console
     from rich.table import Table
 

@@ -25,7 +25,7 @@ class Reproduce(Resumable):
 
 
 def run(options: Reproduce, progress: Progress) -> dict[str, str]:
-    """Run what is not finished."""
+    """Run all unfinished stages."""
     from analysis.profiles import FULL, QUICK
     from cosim.base.command import workers
     from minirobots.reproduction import reproduce

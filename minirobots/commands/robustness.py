@@ -51,7 +51,7 @@ class Robustness(Distributed, Resumable):
 
 
 def run(options: Robustness, progress: Progress) -> Iterator[Any]:
-    """Simulate what is missing, write the table and the plot, and print the table."""
+    """Simulate missing episodes, write the table and the plot, and print the table."""
     world = read_world(options.world)
     from agent.study.robustness import COLUMNS, robustness
     from cosim.base.table import show

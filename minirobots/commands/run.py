@@ -118,7 +118,7 @@ class Run(NewFolder, Simulating):
             raise ConfigError("--live and --spawn show what is recorded; choose another --record")
 
     def interrupted(self) -> str:
-        """Say where the episodes are that have ended."""
+        """Return where the completed episodes are."""
         kept = (self.folder / "summary.json").exists()
         return f"what was simulated so far is in {self.folder}/" if kept else ""
 

@@ -27,7 +27,7 @@ class Study(Distributed, Resumable):
 
 
 def run(options: Study, progress: Progress) -> Iterator[Any]:
-    """Simulate what is missing, and write and print the tables."""
+    """Simulate missing episodes, and write and print the tables."""
     from agent.study.user import read_study, study
 
     arguments = read_study(options.file)

@@ -98,7 +98,7 @@ class SimulateSystem(IsolatedOptions):
 
 
 def run(options: SimulateSystem, progress: Progress) -> Iterator[Any]:
-    """Simulate the system, write what was recorded, and print the last values.
+    """Simulate the system, write the recorded rows, and print the last values.
 
     With --profile also what every FMU took.
     """
@@ -171,7 +171,7 @@ def run(options: SimulateSystem, progress: Progress) -> Iterator[Any]:
 
 
 def _write_recording(path: Path, run: "SystemRun") -> None:
-    """Write what was recorded for the Rerun viewer: an entity "component/variable" per signal."""
+    """Write recorded rows for the Rerun viewer: an entity "component/variable" per signal."""
     import rerun as rr
     import rerun.blueprint as rrb
 

@@ -56,7 +56,7 @@ class Train(NewFolder):
 
 
 def run(options: Train, progress: Progress) -> Iterator[Any]:
-    """Train what is missing, evaluate every run, and print a row for each."""
+    """Train missing runs, evaluate every run, and print a row for each."""
     from agent.evaluation.grid import show
     from agent.experiments.run import train_and_evaluate
     from agent.moves.model import ObservedMoves

@@ -41,7 +41,7 @@ class Transfer(Distributed, Resumable):
 
 
 def run(options: Transfer, progress: Progress) -> Iterator[Any]:
-    """Simulate what is missing, write the table and print it, with what became of the goals."""
+    """Simulate missing episodes, write the table and print it, with the goals."""
     from agent.study.transfer import show, transfer
 
     report = transfer(**options.arguments(), progress=progress)

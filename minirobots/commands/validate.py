@@ -10,7 +10,7 @@ from minirobots.options import Distributed, Folder, IsolatedOptions, Resumable, 
 
 
 class Validate(Distributed, IsolatedOptions, Resumable):
-    """Compare the simulation with published machines, each with the preset that stands for it.
+    """Compare the simulation with published machines, each with its preset.
 
     It compares speeds at their motor speeds, steps per turn, turning, closed paths driven by the
     clock, V-shaped steps, and the sensitivity of speeds to parameters. Measurements are kept in the
@@ -25,12 +25,12 @@ class Validate(Distributed, IsolatedOptions, Resumable):
     motor_fmu: MotorFmuFile = None
 
     def interrupted(self) -> str:
-        """Say where results are."""
+        """Return where the results are."""
         return "measurements so far are in the cache; the same command continues"
 
 
 def run(options: Validate, progress: Progress) -> Iterator[Any]:
-    """Measure what is missing, and write and print the tables."""
+    """Measure missing results, and write and print the tables."""
     from cosim.base.table import show, write_report
     from cosim.machine.validation.report import report_of
     from cosim.machine.validation.tables import tables, text_of

@@ -156,7 +156,7 @@ def rises(track: SeenTrack, simulated: Simulated, found: Fit) -> np.ndarray:
 
 
 def unidentifiable(found: Fit) -> list[str]:
-    """Name what is not identifiable from the track: directions hardly better known than before."""
+    """Name directions that are not identifiable: the track hardly improves on the prior."""
     shares, directions = np.linalg.eigh(found.covariance / np.outer(SPREADS, SPREADS))
     said = []
     for share, direction in zip(np.sqrt(shares), directions.T, strict=True):

@@ -1,4 +1,4 @@
-"""Design for a wanted speed of a robot: motor speed, eccentric masses or feet, by closed forms.
+"""Design for a given speed of a robot: motor speed, eccentric masses or feet, in closed form.
 
 The robot is the 1-DOF platform (`cosim.machine.platform.motion`) on three feet
 (`cosim.machine.platform.feet`), both motors in phase. In the dynamics, where phases differ, robots

@@ -1,1 +1,1 @@
-"""The simulation compared with published machines: what they did, and what is simulated."""
+"""The simulation compared with published machines."""

@@ -171,7 +171,7 @@ def validate(
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> Validation:
-    """Measure what is missing in the cache.
+    """Measure results that are missing in the cache.
 
     Args:
         motor_fmu: of every motor.

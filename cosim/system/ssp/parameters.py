@@ -33,7 +33,7 @@ class Value(NamedTuple):
     level: int = 0
 
     def scaled(self, factor: float, offset: float, said: str) -> "Value":
-        """Return factor · value + offset; raises GraphError of what is no number to scale."""
+        """Return factor · value + offset; raises GraphError if the value is not a number."""
         if (factor, offset) == (1.0, 0.0):
             return self
         if self.kind not in _SCALED or not isinstance(self.text, str):

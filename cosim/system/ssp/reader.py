@@ -58,7 +58,7 @@ class SystemFile(NamedTuple):
 
 
 class _Wire(NamedTuple):
-    """A connection as it stands in the file, in the direction in which values go."""
+    """A connection of the file, in the direction of its values."""
 
     source: Connector
     source_index: tuple[int, ...]
