@@ -53,8 +53,8 @@ def execute(name: str, module: str = "minirobots") -> None:
     try:
         options: CommandOptions = parse(kind, module, arguments, kind.defaults(arguments))
     except SystemExit as end:
-        if not end.code:  # after --help
-            print("\nexamples:", *_examples(name), sep="\n  ")
+        if not end.code and (examples := _examples(name)):  # after --help
+            print("\nexamples:", *examples, sep="\n  ")
         raise
     if isinstance(options, IsolatedOptions):
         options.isolation.enter(f"minirobots {name}", options.foreign)
@@ -78,10 +78,10 @@ def execute(name: str, module: str = "minirobots") -> None:
 def begin(command: ModuleType, options: CommandOptions, progress: Progress) -> Iterator[Any]:
     """Return an iterator that does a command's work, yields its result, and then prints it."""
     result = command.run(options, progress)
-    return _told(result) if isinstance(result, dict) else result
+    return _printed(result) if isinstance(result, dict) else result
 
 
-def _told(result: dict[str, Any]) -> Iterator[Any]:
+def _printed(result: dict[str, Any]) -> Iterator[Any]:
     """Yield what a command returned, then print it."""
     yield result
     for name, value in result.items():

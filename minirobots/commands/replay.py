@@ -140,12 +140,12 @@ def _compared(
     names = sorted(set(series[0]) | set(series[1]))
     differences = []
     for name in names:
-        ours, theirs = (found.get(name, _NONE) for found in series)
+        was, now = (found.get(name, _NONE) for found in series)
         if not recorded.complete:
-            theirs = tuple(part[: len(ours[0])] for part in theirs)
-        at = _first_difference(ours, theirs)
+            now = tuple(part[: len(was[0])] for part in now)
+        at = _first_difference(was, now)
         if at is not None:
-            time_s = float(ours[0][at]) if at < min(len(ours[0]), len(theirs[0])) else None
+            time_s = float(was[0][at]) if at < min(len(was[0]), len(now[0])) else None
             differences.append(Difference(name, time_s))
     values = sum(part[1].size for part in series[0].values())
     path, whole = str(recorded.path), recorded.complete
@@ -158,11 +158,11 @@ def _series(data: "RecordingData") -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return found | {name: (t.time_s, np.array(t.texts)) for name, t in data.texts.items()}
 
 
-def _first_difference(ours: tuple[np.ndarray, ...], theirs: tuple[np.ndarray, ...]) -> int | None:
+def _first_difference(was: tuple[np.ndarray, ...], now: tuple[np.ndarray, ...]) -> int | None:
     """Index of the first sample that is not the same bits; None if all are."""
-    count = min(len(ours[0]), len(theirs[0]))
+    count = min(len(was[0]), len(now[0]))
     equal = np.full(count, fill_value=True)
-    for a, b in zip(ours, theirs, strict=True):
+    for a, b in zip(was, now, strict=True):
         if a.shape[1:] != b.shape[1:]:
             return 0
         if a.dtype == b.dtype == np.float64:  # NaN is equal to itself, and 0 not to −0
@@ -170,7 +170,7 @@ def _first_difference(ours: tuple[np.ndarray, ...], theirs: tuple[np.ndarray, ..
         equal &= (a[:count] == b[:count]).reshape(count, math.prod(a.shape[1:])).all(axis=1)
     if not equal.all():
         return int(equal.argmin())
-    return None if len(ours[0]) == len(theirs[0]) else count
+    return None if len(was[0]) == len(now[0]) else count
 
 
 def failed(compared: Comparison) -> bool:

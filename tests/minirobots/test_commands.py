@@ -154,6 +154,7 @@ def test_a_command_is_added_by_one_file(added):
         assert (refused.returncode, refused.stdout) == (2, "")
         assert refused.stderr.startswith(f"error: {said}")
     assert "target-cells" in called("--tyro-print-completion", "bash").stdout
+    assert "examples:" not in called("target-cells", "--help").stdout  # no page shows it
 
 
 def test_help_ends_with_examples_of_the_page(program):
