@@ -10,10 +10,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from cosim.base.command import parse, print_json, show_table
+from cosim.base.command import parse, print_json
 from cosim.base.errors import USER_ERROR_STATUS, run_command
 from cosim.base.progress import progress_bars, under_way
-from cosim.base.table import known
+from cosim.base.table import known, show_texts
 
 ROOT = Path(__file__).parent
 
@@ -52,7 +52,7 @@ def _show(found: Any) -> None:
             keys = [*texts, *(key for key in keys if key not in texts)]
             cells = [[_text(row.get(key)) for key in keys] for row in rows]
             header = [key.replace("_", " ") for key in keys]
-            show_table(None, header, cells, names=len(texts), title=name or None)
+            show_texts(header, cells, names=len(texts), title=name or None)
         else:
             print(f"{name:32} {_text(value):>14}")
 

@@ -23,6 +23,7 @@ from cosim.base.provenance import digest_of, versions
 from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, parsing, read_json
 from cosim.model.config import CoSimConfig
+from cosim.model.world import IDEAL
 from cosim.simulation.result import EpisodeResult
 
 _CERTIFICATE = Kind("certificate", "move it away and make it again with --claim", UserError)
@@ -233,7 +234,7 @@ def _worst_start(starts: np.ndarray, against: np.ndarray, count: int) -> float:
 
 def code_of_certificates() -> str:
     """Hash of all code that simulates and judges."""
-    return code_digest(__name__, f"{__package__}.certify:certify_case")
+    return code_digest(f"{__package__}.certify:certify_case")
 
 
 def covered(case: Case, episodes: int) -> CoveredStarts:
@@ -271,3 +272,41 @@ def issue(
         versions=versions(),
         issued=now(),
     )
+
+
+def show_certificate(certificate: Certificate) -> None:
+    """Print the verdict and its evidence."""
+    evidence, starts = certificate.evidence, certificate.starts
+    ended = ", ".join(f"{count} {outcome}" for outcome, count in evidence.outcomes.items())
+    print(said(certificate))
+    print(
+        f"{evidence.episodes} episodes ({ended or 'none'}), {evidence.against} against the claim; "
+        f"{starts.rounds:.2f} rounds of {'all' if starts.all else 'a sample of'} {starts.starts} "
+        f"starts; {evidence.simulated_s / 3600.0:.1f} simulated hours in "
+        f"{evidence.wall_s / 3600.0:.2f} hours of threads"
+    )
+    config, attempts = certificate.config, certificate.attempts
+    world = msgspec.structs.asdict(config.world).items()
+    differs = {name: value for name, value in world if value != getattr(IDEAL, name)}
+    print(
+        f"the rate is the mean over the starts; of any single start that against the claim is at "
+        f"most {evidence.worst_start:.3g} (95 %); shield {'on' if config.shield else 'off'}, time "
+        f"limit {config.timing.episode_limit_s:g} s, world "
+        f"{msgspec.json.encode(differs).decode() if differs else 'ideal'}"
+    )
+    for number, attempt in enumerate(attempts, 1):
+        print(
+            f"attempt {number}, superseded {attempt.superseded}: {said(attempt)}, "
+            f"{attempt.evidence.episodes} episodes, {attempt.evidence.against} against"
+        )
+    if attempts:
+        wrong = sum(1.0 - tried.confidence for tried in (*attempts, certificate))
+        print(
+            f"this is attempt {len(attempts) + 1}; the probability that any of these verdicts is "
+            f"wrong is at most {min(wrong, 1.0):.3g}"
+        )
+    if certificate.verdict == "undecided":
+        print(
+            f"{evidence.enough} episodes would certify it if no more of them speak against it; go "
+            "on with more --episodes or --budget-minutes"
+        )

@@ -144,6 +144,21 @@ def check(
     )
 
 
+def show_check(report: CheckReport) -> None:
+    """Print what differs, and what has changed since."""
+    print(f"{report.certificate}: {report.verdict}: {report.claim}")
+    for name, (then, now) in report.changes.items():
+        print(f"{name} was {then}, and is {now or 'missing'} now")
+    for difference in report.differences:
+        print(difference)
+    equal = "differ" if report.differences else "are equal in every bit"
+    print(f"the certificate and {report.compared} of its episodes, simulated again, {equal}")
+    print(
+        f"if {ALTERED:.0%} of all rows had been altered, such a sample would show it with a "
+        f"probability of {report.found:.1%}"
+    )
+
+
 def _found(rows: int, sample: int) -> float:
     """Probability that a sample has an altered row, where a share of `ALTERED` was altered."""
     return float(1.0 - hypergeom.pmf(0, rows, math.ceil(ALTERED * rows), sample)) if rows else 1.0

@@ -24,6 +24,7 @@ from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.reached_code import code_digest
 from cosim.base.storage import write_json
+from cosim.base.table import show_texts
 from cosim.coupling.rl_step import Step
 from cosim.model.outcome import Outcome
 from cosim.simulation.episode import RunningEpisode
@@ -124,7 +125,7 @@ def estimate_collisions(
         )
     diameter_m = case.policy.config.scenario.robot_diameter_m
     distances_m = tuple(diameter_m + 1e-3 * gap_mm for gap_mm in gaps_mm)
-    digest = digest_of(case.identity, gaps_mm, code_digest(__name__))
+    digest = digest_of(case.identity, gaps_mm, code_digest(estimate_collisions))
     store, asked = _BranchStore(case, out, digest), {}
 
     def simulated(wanted: Sequence[Branch]) -> Iterator[tuple[Branch, Entrances, int]]:
@@ -158,6 +159,22 @@ def estimate_collisions(
     )
     write_json(out / SPLITTING_FILE, report)
     return report
+
+
+def show_splitting(report: SplittingReport) -> None:
+    """Print the probabilities of the levels, and the estimate with its interval."""
+    rows = [
+        (f"{at.gap_mm:g} mm", f"{at.probability:.3g}", f"[{at.low:.3g}, {at.high:.3g}]")
+        for at in report.levels
+    ]
+    show_texts(("gap", "probability", "95 %"), rows, numbers=2)
+    print(
+        f"collision {report.collision:.3g} [{report.low:.3g}, {report.high:.3g}] (95 %, Wilson "
+        f"interval); {report.roots_with_collision} of {report.roots} roots showed one, so the rate "
+        f"is at most {report.highest:.3g} (97.5 %); {report.simulated} episodes, worth "
+        f"{report.worth:.0f} plain ones"
+    )
+    print("an estimate certifies nothing; --claim does")
 
 
 def _level(gap_mm: float, values: np.ndarray) -> ReachedLevel:

@@ -16,9 +16,8 @@ from agent.mdp.exact import enumerable
 from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.optimum import ratios
 from agent.training.runs import policy_paths
-from cosim.base.command import show_table
 from cosim.base.errors import UserError
-from cosim.base.table import Column, field, known
+from cosim.base.table import Column, field, known, show_texts
 from cosim.base.table import show as show_rows
 from cosim.model.outcome import BY_RANK, ENDS, SUCCESS, Outcome
 
@@ -191,7 +190,7 @@ def show(report: GridReport) -> None:
             ends = "–" if s.low is None else f"{low} to {high}"
             rows.append((name.replace("_", " "), mean, iqm, ends))
         header = (f"scenario {scenario}, {runs} policies", "mean", "IQM", "95 % interval")
-        show_table(None, header, rows)
+        show_texts(header, rows)
 
 
 def show_failures(policies: Iterable[Any]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from agent.evaluation.grid import GridReport, PolicyMeasures
 from agent.evaluation.statistics import Statistics, interval_text, summarise
 from agent.experiments.variants import REFERENCES, Name
-from cosim.base.command import show_table
+from cosim.base.table import show_texts
 
 RESULTS_FILE = "results.json"
 SUMMARY_FILE = "summary.json"
@@ -124,7 +124,7 @@ def show(result: ExperimentResult) -> None:
     measures = (*_COMPARED, "ratio_to_bound")
     variants = result.variants
     rows = [(v.label, *_intervals(v.over_runs, measures)) for v in variants.values()]
-    show_table(None, header, rows)
+    show_texts(header, rows)
     if result.differences:
         references = REFERENCES[result.experiment]
         header = ("difference, run by run", *header[1:4])
@@ -135,11 +135,11 @@ def show(result: ExperimentResult) -> None:
             )
             for name, statistics in result.differences.items()
         ]
-        show_table(None, header, rows)
+        show_texts(header, rows)
     if result.effects:
         header = ("mean difference, over combinations", *header[1:4])
         effects = result.effects.items()
-        show_table(None, header, [(name, *_intervals(of, _COMPARED)) for name, of in effects])
+        show_texts(header, [(name, *_intervals(of, _COMPARED)) for name, of in effects])
     print(f"{result.seconds:.0f} s; results in {result.out}/: {RESULTS_FILE}, runs by variant")
 
 

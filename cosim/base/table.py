@@ -2,12 +2,18 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
-from cosim.base.command import show_table
+from cosim.base.errors import visible
 from cosim.base.storage import replacing, write_json, write_whole
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_BORDER = 3  # of each column: a line and a space on both sides
+_NAME_WIDTH = 24  # up to which a name stands on one line
 
 
 class Column(NamedTuple):
@@ -49,12 +55,52 @@ def markdown(columns: Columns, rows: Iterable[Any]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def show(
-    columns: Columns, rows: Iterable[Any], *, names: int = 1, title: str | None = None
+def show(columns: Columns, rows: Iterable[Any], **layout: Any) -> None:
+    """Print a table; `layout` is that of `show_texts`."""
+    show_texts([column.heading for column in columns], _cells(columns, rows), **layout)
+
+
+def show_texts(
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    names: int = 1,
+    numbers: int = 0,
+    title: str | None = None,
+    console: "Console | None" = None,
 ) -> None:
-    """Print a table, in as many parts as the console is wide for; see `show_table`."""
-    headings = [column.heading for column in columns]
-    show_table(None, headings, list(_cells(columns, rows)), names=names, title=title)
+    """Print a table, or several if the console is too narrow for one: no number is ever cut.
+
+    Args:
+        header: of the columns.
+        rows: of text, as long as the header.
+        names: how many of the first columns name a row: each table has them, and long ones in
+            several lines.
+        numbers: how many of the last columns are set flush right.
+        title: of the table.
+        console: to print on, by default that of stdout.
+    """
+    from rich.cells import cell_len  # noqa: PLC0415 - slow to import
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    console, rows = console or Console(), list(rows)
+    columns = list(zip(header, *rows, strict=True))
+    widths = [max(map(cell_len, column)) + _BORDER for column in columns]
+    left = 1 + sum(min(width, _NAME_WIDTH + _BORDER) for width in widths[:names])
+    rest = list(range(names, len(header)))
+    while rest:
+        shown = [rest.pop(0)]
+        while rest and left + sum(widths[k] for k in (*shown, rest[0])) <= console.width:
+            shown.append(rest.pop(0))
+        table = Table(title=title)
+        for k in (*range(names), *shown):
+            justify = "right" if k >= len(header) - numbers else "left"
+            table.add_column(header[k], justify=justify, no_wrap=k >= names, overflow="fold")
+        for row in rows:
+            table.add_row(*(visible(row[k]) for k in (*range(names), *shown)))
+        console.print(table)
+        title = None
 
 
 def _cells(columns: Columns, rows: Iterable[Any]) -> Iterable[list[str]]:

@@ -50,14 +50,14 @@ def run(options: Browse, _: Progress) -> Iterator[Any]:
 
 
 def _show(datasets: "list[Dataset]") -> None:
-    from cosim.base.command import show_table
+    from cosim.base.table import show_texts
 
     for dataset in datasets:
         rows = [
             (str(row["recording"]), *(_text(row[name]) for name in _SHOWN))
             for row in dataset.episodes
         ]
-        show_table(None, ("recording", *_SHOWN), rows, title=dataset.name)
+        show_texts(("recording", *_SHOWN), rows, title=dataset.name)
 
 
 def _text(value: object) -> str:

@@ -32,8 +32,9 @@ class Calibrate(IsolatedOptions):
 
 def run(options: Calibrate, progress: Progress) -> Iterator[Any]:
     """Find or measure the calibration, write its files, and print the possible speeds."""
-    from cosim.base.command import show_table, workers
+    from cosim.base.command import workers
     from cosim.base.storage import replacing, write_json
+    from cosim.base.table import show_texts
     from cosim.calibration.cache import find_calibration
     from cosim.calibration.report import draw, manoeuvre_rows, report_of
     from cosim.coupling.parameters import with_motor
@@ -53,7 +54,7 @@ def run(options: Calibrate, progress: Progress) -> Iterator[Any]:
         draw(calibration, title).savefig(temporary, dpi=150)
     yield report
     header = ("manoeuvre", "motor speed", "mean", "scatter", "airborne")
-    show_table(None, header, manoeuvre_rows(calibration))
+    show_texts(header, manoeuvre_rows(calibration))
     print(
         f"without hopping: motors up to {report.hop_free_rad_s:.0f} rad/s, "
         f"{1e3 * report.largest_speed_m_s:.2f} mm/s in both directions, "

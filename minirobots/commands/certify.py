@@ -103,11 +103,10 @@ class Certify(Distributed, Simulating, Resumable):
 
 def run(options: Certify, progress: Progress) -> Iterator[Any]:
     """Judge the claim, check the certificate, or estimate the rate of collisions."""
-    from agent.certification.text import show_certificate, show_check, show_splitting
+    from agent.certification.certificate import read_certificate, show_certificate
 
     if options.check:
-        from agent.certification.certificate import read_certificate
-        from agent.certification.check import check
+        from agent.certification.check import check, show_check
 
         report = check(
             options.check,
@@ -121,7 +120,7 @@ def run(options: Certify, progress: Progress) -> Iterator[Any]:
         show_certificate(read_certificate(options.check))
         show_check(report)
     elif options.splitting:
-        from agent.certification.collisions import estimate_collisions
+        from agent.certification.collisions import estimate_collisions, show_splitting
         from agent.study.episodes import case_of
 
         estimate = estimate_collisions(

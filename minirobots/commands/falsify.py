@@ -75,7 +75,7 @@ class Falsify(Distributed, Simulating, Resumable):
 
 def run(options: Falsify, progress: Progress) -> Iterator[Any]:
     """Search and print the worst episodes; or simulate and print the cases of a file again."""
-    from cosim.base.command import show_table
+    from cosim.base.table import show_texts
 
     if options.replay is not None:
         from agent.falsification.found import ReplayReport, read_cases, run_again
@@ -90,7 +90,7 @@ def run(options: Falsify, progress: Progress) -> Iterator[Any]:
             [*_cells(was), *_ended(case), "fails" if case.fails else "holds"]
             for was, case in zip(found.cases, now, strict=True)
         ]
-        show_table(None, (*_CASE, "now", "gap now", "simulated now", ""), rows)
+        show_texts((*_CASE, "now", "gap now", "simulated now", ""), rows)
         failed = sum(case.fails for case in found.cases)
         print(f"{replayed.failing} of {len(rows)} cases fail, {failed} did when they were found")
         return
@@ -100,7 +100,7 @@ def run(options: Falsify, progress: Progress) -> Iterator[Any]:
     arguments = options.arguments("replay", "where", progress=progress)
     report = falsify(**arguments, **vars(options.where), **vars(options.physics))
     yield report
-    show_table(None, _CASE, [_cells(case) for case in report.worst], title="worst episodes")
+    show_texts(_CASE, [_cells(case) for case in report.worst], title="worst episodes")
     ends = ", ".join(f"{count} {outcome}" for outcome, count in report.outcomes.items())
     after = "an episode without a gap" if report.objective == "gap" else "a time-out"
     first = "none found" if report.first is None else f"the first in episode {report.first - 1}"

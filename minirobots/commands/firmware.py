@@ -41,7 +41,7 @@ def run(options: Firmware, progress: Progress) -> Iterator[Any]:
     """Write the sources, compile them, and print what each robot needs."""
     from agent.firmware.build import measure, write_sources
     from agent.firmware.tables import load_table, render_constants
-    from cosim.base.command import show_table
+    from cosim.base.table import show_texts
 
     policy = load_table(options.policy)
     scenario = policy.config.scenario
@@ -52,5 +52,5 @@ def run(options: Firmware, progress: Progress) -> Iterator[Any]:
     yield {"files": [str(file) for file in files], "sizes": sizes}
     header = ("robot", "flash", "RAM", "stack, at most")
     rows = [(f"r{s.robot}", *(f"{n:,} B" for n in (s.flash, s.ram, s.stack))) for s in sizes]
-    show_table(None, header, rows, title="on a Cortex-M4", numbers=3)
+    show_texts(header, rows, title="on a Cortex-M4", numbers=3)
     print(f"sources in {options.out}/; docs/firmware.md says what to connect")

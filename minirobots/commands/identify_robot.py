@@ -54,7 +54,7 @@ def run(options: IdentifyRobot, progress: Progress) -> Iterator[Any]:
         yield {"excitation": str(options.excite), "duration_s": duration_s}
         print(f"motor speeds for {duration_s:g} s in {options.excite}")
         return
-    from cosim.base.command import show_table
+    from cosim.base.table import show_texts
     from cosim.machine.identification.page import rows
     from cosim.machine.identification.result import identify, write
     from cosim.machine.identification.track import read_track
@@ -72,7 +72,7 @@ def run(options: IdentifyRobot, progress: Progress) -> Iterator[Any]:
     write(identified, options.out)
     yield identified.report
     header = ("parameter", "what it is", "value", "95 % interval", "rises")
-    show_table(None, header, rows(identified), names=2)
+    show_texts(header, rows(identified), names=2)
     for words in identified.report.unidentifiable:
         print(f"not identifiable from this track: {words}")
     print(f"results in {options.out}/: preset.toml, identification.json, report.html")

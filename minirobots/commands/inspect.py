@@ -34,7 +34,7 @@ def run(options: Inspect, _: Progress) -> Iterator[Any]:
     from rich.table import Table
 
     from analysis.reading.inspection import inspect_episode
-    from cosim.base.command import show_table
+    from cosim.base.table import Column, field, show
     from cosim.recording.reader import read_episode
 
     found = inspect_episode(read_episode(options.recording))
@@ -63,27 +63,20 @@ def run(options: Inspect, _: Progress) -> Iterator[Any]:
         for name, p in found.parameters.items():
             table.add_row(name, f"{p['value']}", p["unit"], p["description"], p["source"])
         console.print(table)
-    measures = ("minimum", "mean", "maximum", "deviation")
-    rows = [
-        (
-            row.signal,
-            row.component,
-            row.unit,
-            str(row.samples),
-            f"{row.period_s:g} s" if row.period_s else "–",
-            *(_number(getattr(row, name)) for name in measures),
-        )
-        for row in found.signals
-    ]
-    header = ("signal", "of", "unit", "samples", "every", *measures)
-    show_table(console, header, rows, names=3, title="signals", numbers=len(measures))
+    measures = [field(name, "{:.4g}") for name in ("minimum", "mean", "maximum", "deviation")]
+    columns = (
+        field("signal"),
+        field("component", heading="of"),
+        field("unit"),
+        field("samples"),
+        Column("every", lambda row: f"{row.period_s:g} s" if row.period_s else "–"),
+        *measures,
+    )
+    layout = {"names": 3, "title": "signals", "numbers": len(measures)}
+    show(columns, found.signals, **layout, console=console)
     table = Table("what looks wrong", "where", "at", "")
     for finding in found.findings:
         at_s = finding.time_s
         at = f"{at_s:.2f} s" if at_s is not None else "–"
         table.add_row(finding.kind, finding.where, at, finding.text)
     console.print(table if found.findings else "nothing looks wrong")
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4g}"

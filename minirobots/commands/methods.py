@@ -17,8 +17,8 @@ class Methods(CommandOptions):
 def run(options: Methods, _: Progress) -> Iterator[Any]:
     """Print a row for each method."""
     from agent.training.settings import FACTS
-    from cosim.base.command import show_table
+    from cosim.base.table import show_texts
 
     rows = [{"method": method, **facts._asdict()} for method, facts in FACTS.items()]
     yield {"methods": rows}
-    show_table(None, tuple(rows[0]), [tuple(row.values()) for row in rows])
+    show_texts(tuple(rows[0]), [tuple(row.values()) for row in rows])

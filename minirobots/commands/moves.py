@@ -45,7 +45,8 @@ def run(options: ObserveMoves, progress: Progress) -> Iterator[Any]:
     from agent.moves.model import require_rl_step
     from agent.moves.observe import facts_of, move_rows, observe_moves
     from agent.moves.worlds import RANGES
-    from cosim.base.command import show_table, workers
+    from cosim.base.command import workers
+    from cosim.base.table import show_texts
 
     config, fmu = options.physics.prepare(progress=progress)
     config = options.deciding.deciding(config)
@@ -61,5 +62,5 @@ def run(options: ObserveMoves, progress: Progress) -> Iterator[Any]:
     )
     moves.save(options.out)
     yield facts_of(moves) | {"out": str(options.out)}
-    show_table(None, *move_rows(moves))
+    show_texts(*move_rows(moves))
     print(f"moves in {options.out}")

@@ -49,7 +49,7 @@ def run(options: Policies, progress: Progress) -> Iterator[Any]:
 
     from agent.study.leaderboard import leaderboard
     from agent.zoo import zoo_rows
-    from cosim.base.command import show_table
+    from cosim.base.table import show_texts
     from cosim.model.built_in import PAPER
 
     measured = options.measure or options.policies
@@ -72,6 +72,6 @@ def run(options: Policies, progress: Progress) -> Iterator[Any]:
                 "" if row["current"] or share is None else "by an earlier version",
             )
         )
-    show_table(None, ("policy", "success", "time", "path", "measured"), cells)
+    show_texts(("policy", "success", "time", "path", "measured"), cells)
     if measured:
         print(f"leaderboard in {options.out}/: leaderboard.json and .md")

@@ -103,7 +103,7 @@ def run(options: SimulateSystem, progress: Progress) -> Iterator[Any]:
     With --profile also what every FMU took.
     """
     from cosim.base.arguments import named_once
-    from cosim.base.command import show_table
+    from cosim.base.table import show_texts
     from cosim.system.graph import load_fmus
     from cosim.system.inputs import read_inputs
     from cosim.system.run import write_run
@@ -165,7 +165,7 @@ def run(options: SimulateSystem, progress: Progress) -> Iterator[Any]:
             [name, str(share.steps), str(share.rollbacks), f"{1e3 * share.time_s:.3f}"]
             for name, share in run.profile.items()
         ]
-        show_table(None, ["component", "steps", "rollbacks", "time / ms"], rows, numbers=3)
+        show_texts(["component", "steps", "rollbacks", "time / ms"], rows, numbers=3)
     if options.out is not None:
         print(f"written to {options.out}")
 

@@ -137,9 +137,9 @@ def markdown(verdicts: "Sequence[Verdict]") -> str:
 def main() -> None:
     """Command line; see `Judge`."""
     options = parse(Judge, "tests.judge")
-    from cosim.base.command import show_table
     from cosim.base.progress import progress_bars
     from cosim.base.storage import replacing, write_json
+    from cosim.base.table import show_texts
     from tests.judge.tools import JudgeError, ask
 
     page = options.page.read_text() if options.page else ""
@@ -163,7 +163,7 @@ def main() -> None:
     for path, text in texts.items():
         with replacing(path) as temporary:
             temporary.write_text(text)
-    show_table(None, HEADER, rows_of(verdicts), numbers=1, names=3)
+    show_texts(HEADER, rows_of(verdicts), numbers=1, names=3)
     print(f"results in {options.out}/: verdicts.json, verdicts.md")
     if options.json:
         print_json({"verdicts": verdicts})

@@ -17,12 +17,12 @@ from agent.certification.certificate import (
     issue,
     judge,
     read_certificate,
+    show_certificate,
 )
 from agent.certification.certify import certify_case
 from agent.certification.check import CheckReport, check
 from agent.certification.claims import parse_claim
 from agent.certification.collisions import SplittingReport, estimate_collisions
-from agent.certification.text import show_certificate
 from agent.evaluation.cases import Job, run_jobs
 from agent.evaluation.statistics import rate
 from agent.method import method_policy

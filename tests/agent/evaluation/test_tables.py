@@ -10,7 +10,7 @@ from agent.evaluation.statistics import Statistics
 from agent.experiments import results as experiments
 from agent.study import evaluate as evaluation
 from agent.study import transfer
-from cosim.base.command import show_table
+from cosim.base.table import show_texts
 from cosim.model.outcome import Outcome
 from cosim.model.world import IDEAL
 
@@ -62,14 +62,14 @@ def printed(show, content, width=80) -> str:
 
 
 def test_one_table_if_there_is_room():
-    text = printed(lambda rows: show_table(None, "ab", rows, title="both"), [("1", "2")], width=40)
+    text = printed(lambda rows: show_texts("ab", rows, title="both"), [("1", "2")], width=40)
     assert text.count("both") == 1
     assert text.count("┏") == 1
 
 
 def test_further_tables_repeat_the_names():
     rows = [("first row", "1" * 30, "2" * 30, "3" * 30)]
-    text = printed(lambda rows: show_table(None, ("name", "a", "b", "c"), rows, title="t"), rows)
+    text = printed(lambda rows: show_texts(("name", "a", "b", "c"), rows, title="t"), rows)
     assert text.count("first row") == 2
     assert all(digit * 30 in text for digit in "123")
 

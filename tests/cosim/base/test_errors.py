@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.base.command import show_table
 from cosim.base.errors import UserError, run_command, visible
+from cosim.base.table import show_texts
 
 ROOT = Path(__file__).parents[3]
 NAME = "a\x1b]0;title\x07\x1b[2J\u202eb\u2066\x9b\r\udcffä\n"
@@ -95,7 +95,7 @@ def test_names_cannot_control_a_terminal(capsys):
     def show():
         print(NAME)
         print(NAME, file=sys.stderr)
-        show_table(None, ("name",), [(NAME.strip(),)])
+        show_texts(("name",), [(NAME.strip(),)])
 
     status, said = ended(show, capsys)
     assert (status, said.err) == (0, SHOWN + "\n")
