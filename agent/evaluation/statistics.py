@@ -72,13 +72,13 @@ def rate_of_weights(share: float, worth: float) -> Rate:
 def interval_text(
     of: Interval | Statistics, digits: int, factor: float = 1.0, unit: str = ""
 ) -> str:
-    """Mean as text, and its interval if it has one."""
+    """Mean and interval as text; [–] where the runs are too few for an interval."""
+    mean, *ends = (
+        "–" if v is None else f"{factor * v:.{digits}f}" for v in (of.mean, of.low, of.high)
+    )
     if of.mean is None:
-        return "–"
-    text = f"{factor * of.mean:.{digits}f}{unit}"
-    if of.low is None or of.high is None:
-        return text
-    return f"{text} [{factor * of.low:.{digits}f}, {factor * of.high:.{digits}f}]"
+        return mean
+    return f"{mean}{unit} [{'–' if of.low is None else ', '.join(ends)}]"
 
 
 def interquartile_mean(values: np.ndarray) -> float:

@@ -26,7 +26,8 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
     def finding(self) -> str:
         """Return it as text."""
         form = (3, 1.0, "") if self.goal.startswith("path") else (1, 100.0, "%")
-        limit = interval_text(Interval(self.limit, None, None), *form)
+        digits, factor, unit = form
+        limit = f"{factor * self.limit:.{digits}f}{unit}"
         worst = interval_text(Interval(self.worst, self.low, self.high), *form)
         verdict = "holds" if self.holds else "does not hold"
         return (

@@ -109,5 +109,5 @@ def read_caption(folder: Path, figure: str) -> Caption:
 def interval(
     of: Interval | Statistics, factor: float = 1.0, digits: int = 2, unit: str = ""
 ) -> str:
-    """Mean and its 95 % interval, if it has one, as text."""
+    """Mean and its 95 % interval as text, see `interval_text`."""
     return interval_text(of, digits, factor, unit).replace("-", "−")

@@ -79,7 +79,7 @@ def _learning_table(title: str, content: ExperimentResult) -> ReportTable:
     note = (
         f"Every start, or 10 000 draws where there are more, for each of {runs} "
         f"run{'s' * (runs > 1)} of {content.episodes:,} training episodes: mean over the runs and "
-        "its 95 % Student interval, which is left out where too many runs agree."
+        "its 95 % Student interval, which is [–] where there are too few runs, or too many agree."
     )
     command = (
         f"python -m agent.experiments {content.experiment} --runs {runs} "

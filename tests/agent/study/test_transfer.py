@@ -108,6 +108,7 @@ def test_goals_are_judged_by_the_worst_row(table):
     )
     success, collisions, paths = goals([*best, failing])
     assert (success.worst, success.mu, success.holds) == (0.5, 0.2, False)
+    assert "(99.0%): does not hold; the worst row has 50.0% [10.0, 90.0]" in success.finding()
     assert (collisions.worst, collisions.holds) == (0.0, True)
     assert paths.holds
     assert table.goals == ()  # of another method

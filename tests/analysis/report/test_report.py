@@ -126,7 +126,7 @@ def test_what_a_reproduction_has_not_drawn_is_made_by_its_command(tmp_path):
 
 def test_intervals_in_words():
     assert interval(Interval(0.5, 0.25, 0.75), 100.0, 1, " %") == "50.0 % [25.0, 75.0]"
-    assert interval(Interval(-1.0, None, None)) == "−1.00"
+    assert interval(Interval(-1.0, None, None)) == "−1.00 [–]"
     assert interval(Interval(None, None, None)) == "–"
 
 
