@@ -13,7 +13,7 @@ One run is `agent.training.worker`, where runs are computed `cosim.base.backends
 
 import contextlib
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,7 +39,7 @@ from agent.training.worker import (
 )
 from cosim.base.backends import sweep
 from cosim.base.errors import UserError
-from cosim.base.jobs import PROCESSES, Workers
+from cosim.base.jobs import PROCESSES, JobKind, Workers, run
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
@@ -124,41 +124,65 @@ def train_runs(
     out = out.absolute()
     build_process(experiment.scenario, experiment.process)  # refuse here, not in every worker
     tasks = [
-        RunTask(config, run, out, experiment.runs, checkpoint_episodes)
-        for run, config in enumerate(experiment.configs())
+        RunTask(config, number, out, experiment.runs, checkpoint_episodes)
+        for number, config in enumerate(experiment.configs())
     ]
     _claim(out, experiment)
-    results: dict[int, RunResult] = {}
-    missing: list[RunTask] = []
-    for run in tasks:
-        found = load_run(run.folder, run.config)
-        if found is None:
-            run.folder.mkdir(exist_ok=True)
-            missing.append(run)
-        else:
-            results[run.run] = RunResult(run.run, *found)
+    store = _Runs(experiment.seed)
+    for one in tasks:
+        one.folder.mkdir(exist_ok=True)
     clear_progress(out, experiment.runs)
     try:
-        with _watched(experiment, out, results, progress, task):
-            for k, result in sweep(train_run, missing, where):
-                _keep(missing[k], experiment.seed, *result)
-                results[missing[k].run] = RunResult(missing[k].run, *result)
+        with _watched(experiment, out, store.results, progress, task):
+            for _ in run(tasks, store, RUNS, where):
+                pass
     finally:
         (out / PROGRESS_FILE).unlink(missing_ok=True)
-    return [results[run] for run in sorted(results)]
+    return [store.results[number] for number in sorted(store.results)]
 
 
-def _keep(task: RunTask, seed: int, policy: GreedyPolicy, log: TrainingLog) -> None:
-    """Write what a run has given to its folder."""
-    facts = {
-        "scenario": task.config.scenario.name,
-        "seed": seed,
-        "run": task.run,
-        "config_digest": config_digest(task.config),
-    }
-    write_training(task.folder / RECORDING_FILE, policy, log, facts)
-    save_run(task.folder, policy, log)
-    (task.folder / CHECKPOINT_FILE).unlink(missing_ok=True)
+def _trained(
+    tasks: Sequence[RunTask], threads: int, may_begin: Callable[[], bool]
+) -> Iterator[tuple[RunTask, RunResult]]:
+    for k, (policy, log) in sweep(train_run, tasks, Workers(jobs=threads), may_begin):
+        yield tasks[k], RunResult(tasks[k].run, policy, log)
+
+
+RUNS: JobKind[RunTask, RunResult] = JobKind(_trained, lambda task: task.key)
+
+
+class _Runs:
+    """Runs in their folders.
+
+    Args:
+        seed: of the experiment.
+
+    Attributes:
+        results: those that are there, by number.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._seed = seed
+        self.results: dict[int, RunResult] = {}
+
+    def find(self, job: RunTask) -> RunResult | None:
+        """Return a run, None if it is missing or damaged."""
+        if found := load_run(job.folder, job.config):
+            self.results[job.run] = RunResult(job.run, *found)
+        return self.results.get(job.run)
+
+    def keep(self, job: RunTask, row: RunResult) -> None:
+        """Write what a run has given to its folder."""
+        facts = {
+            "scenario": job.config.scenario.name,
+            "seed": self._seed,
+            "run": job.run,
+            "config_digest": config_digest(job.config),
+        }
+        write_training(job.folder / RECORDING_FILE, row.policy, row.log, facts)
+        save_run(job.folder, row.policy, row.log)
+        (job.folder / CHECKPOINT_FILE).unlink(missing_ok=True)
+        self.results[job.run] = row
 
 
 @contextlib.contextmanager

@@ -65,6 +65,11 @@ class RunTask(NamedTuple):
     checkpoint_episodes: int
 
     @property
+    def key(self) -> tuple[str, int]:
+        """Equal for equal runs."""
+        return config_digest(self.config), self.run
+
+    @property
     def folder(self) -> Path:
         """Folder of the run."""
         return self.out / run_name(self.run)

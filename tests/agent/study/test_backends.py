@@ -11,16 +11,19 @@ from agent.baselines.comparison import baselines
 from agent.certification.certify import certify_case
 from agent.certification.claims import parse_claim
 from agent.certification.collisions import estimate_collisions
+from agent.mdp.config import ProcessConfig
 from agent.moves import observe
 from agent.study.episodes import case_of
 from agent.study.evaluate import evaluate
 from agent.study.robustness import robustness
 from agent.study.transfer import transfer
 from agent.study.user import study
+from agent.training.runs import Experiment, train_runs
+from agent.training.settings import LearningConfig
 from cosim.base.jobs import Workers
 from cosim.machine.validation import validate as measurement
 from cosim.machine.validation.published import SPEEDS
-from cosim.model.scenario_file import ROUGH, read_world
+from cosim.model.scenario_file import ROUGH, find_scenario, read_world
 from cosim.simulation.options import SimulationOptions
 from tests.agent.study.test_transfer import BOARD
 from tests.faults.killing import timeless
@@ -78,6 +81,14 @@ def of_study(place: Place, _: pytest.MonkeyPatch) -> Any:
     return study(place.policy, noise=[0.0, 0.05], episodes=2, **work).rows
 
 
+def of_training(place: Place, _: pytest.MonkeyPatch) -> Any:
+    few = LearningConfig(episodes=2000, greedy_points=1)
+    runs = train_runs(
+        Experiment(find_scenario("2"), ProcessConfig(), few, 3, 2), place.out, where=place.where
+    )
+    return [(run.run, run.policy.digest()) for run in runs]
+
+
 def of_transfer(place: Place, _: pytest.MonkeyPatch) -> Any:
     few: Any = {"scenarios": (str(place.board),), "methods": ("paper",), "quick": True}
     return transfer(place.out, where=place.where, **few)
@@ -100,6 +111,7 @@ OF: dict[str, Callable[[Place, pytest.MonkeyPatch], Any]] = {
     "robustness": of_robustness,
     "splitting": of_splitting,
     "study": of_study,
+    "training": of_training,
     "transfer": of_transfer,
     "validate": of_validate,
 }
