@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from agent.baselines import NETWORKS, Learner
+from agent.deep.learning_grid import SHAPING
 from agent.deep.policy import NetworkConfig
-from agent.deep.world import SHAPING
 from agent.mdp.exact import Milestone
 from agent.mdp.greedy import GreedyPolicy
 from agent.method import method_config, method_policy

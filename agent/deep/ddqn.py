@@ -13,9 +13,9 @@ import numpy as np
 import optax
 
 from agent.deep.inputs import GROUPS
+from agent.deep.learning_grid import SHAPING, WIDTH, Gained, World
 from agent.deep.models import network_of, values_of_moves
 from agent.deep.policy import Network
-from agent.deep.world import SHAPING, WIDTH, Gained, World
 
 _CAPACITY = 1 << 18  # moves that are kept
 _BATCH, _UPDATES = 512, 8  # moves of an update, and updates after a step of all boards

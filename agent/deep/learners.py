@@ -9,9 +9,9 @@ from collections.abc import Callable
 import numpy as np
 
 from agent.deep.ddqn import DoubleQ
+from agent.deep.learning_grid import SHAPING, DrawnTargets, LearningGrid, with_drawn_targets
 from agent.deep.policy import NetworkConfig, NetworkPolicy
 from agent.deep.ppo import Ppo
-from agent.deep.world import SHAPING, DrawnTargets, LearningGrid, with_drawn_targets
 from agent.mdp.exact import Milestone, some_starts
 from agent.mdp.readings import build_process
 from cosim.base.progress import Progress

@@ -17,9 +17,9 @@ from skrl.memories.jax import RandomMemory
 from skrl.utils import set_seed
 
 from agent.deep.inputs import GROUPS, NOTHING
+from agent.deep.learning_grid import SHAPING, WIDTH, World
 from agent.deep.models import Actor, Critic, network_of
 from agent.deep.policy import Network
-from agent.deep.world import SHAPING, WIDTH, World
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from agent.deep.inputs import Inputs
 from agent.deep.policy import NetworkConfig, NetworkPolicy
-from agent.firmware.tables import bearings_by_offset, best_directions, directions
+from agent.firmware.constants import bearings_by_offset, best_directions, directions
 from agent.mdp.greedy import PolicyError
 from agent.mdp.readings import FORBIDDEN, FREE, GOAL
 from agent.policies import load_policy, method_name

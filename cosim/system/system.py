@@ -37,7 +37,7 @@ from cosim.system.graph import (
 from cosim.system.inputs import Given, check_inputs, check_values, sampled
 from cosim.system.instance import Instance
 from cosim.system.layout import Layout, energy_of
-from cosim.system.run import Share, SystemRun
+from cosim.system.result import Share, SystemRun
 from cosim.system.step import ALGORITHM, COUNT, PHASE, STATUS, Scheme
 from cosim.system.stepping import DONE, REJECTED, ROW, TICK, run_plain, run_steps
 

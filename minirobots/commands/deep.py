@@ -76,8 +76,8 @@ def run(options: Deep, progress: Progress) -> Iterator[Any]:
     scenario = find_scenario(options.scenario)
     require_learners()
     from agent.deep.learners import train
+    from agent.deep.learning_grid import SHAPING
     from agent.deep.policy import NetworkConfig
-    from agent.deep.world import SHAPING
     from agent.training.policy import Seed
 
     process, seed = SHAPING[options.algorithm].process, Seed(options.seed)

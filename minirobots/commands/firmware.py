@@ -40,7 +40,7 @@ class Firmware(Simulating):
 def run(options: Firmware, progress: Progress) -> Iterator[Any]:
     """Write the sources, compile them, and print what each robot needs."""
     from agent.firmware.build import measure, write_sources
-    from agent.firmware.tables import load_table, render_constants
+    from agent.firmware.constants import load_table, render_constants
     from cosim.base.table import show_texts
 
     policy = load_table(options.policy)

@@ -13,7 +13,7 @@ from cosim.fmi.archive import MAX_DESCRIPTION_BYTES
 from minirobots.options import Count, File, IsolatedOptions, Seconds
 
 if TYPE_CHECKING:
-    from cosim.system.run import SystemRun
+    from cosim.system.result import SystemRun
 
 
 class SimulateSystem(IsolatedOptions):
@@ -106,7 +106,7 @@ def run(options: SimulateSystem, progress: Progress) -> Iterator[Any]:
     from cosim.base.table import show_texts
     from cosim.system.graph import load_fmus
     from cosim.system.inputs import read_inputs
-    from cosim.system.run import write_run
+    from cosim.system.result import write_run
     from cosim.system.ssp.reader import read_system
     from cosim.system.system import System
 

@@ -10,8 +10,8 @@ import pytest
 
 import agent
 from agent.deep.inputs import GROUPS, NOTHING, REACH, Inputs, look_at_boards
+from agent.deep.learning_grid import SHAPING, DrawnTargets, LearningGrid, values_alone
 from agent.deep.policy import Network, NetworkConfig, NetworkPolicy
-from agent.deep.world import SHAPING, DrawnTargets, LearningGrid, values_alone
 from agent.envs import parallel_env
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import joint_starts

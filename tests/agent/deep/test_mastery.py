@@ -3,8 +3,8 @@
 import msgspec
 import pytest
 
+from agent.deep.learning_grid import SHAPING
 from agent.deep.policy import NetworkConfig
-from agent.deep.world import SHAPING
 from agent.study.evaluate import EvaluationReport
 from agent.training.policy import Seed
 from cosim.base.progress import silent

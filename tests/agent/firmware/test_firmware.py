@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import agent
 from agent.deep.policy import NetworkPolicy
 from agent.firmware.build import FLAGS, LIBRARY, MICROCONTROLLER, write_sources
-from agent.firmware.tables import render_constants
+from agent.firmware.constants import render_constants
 from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
 from agent.training.policy import Policy, PolicyConfig, Seed
@@ -351,7 +351,7 @@ def test_command_writes_sources_and_says_what_they_need(command, policy, tmp_pat
 def test_networks_are_refused(command, monkeypatch, tmp_path):
     network = NetworkPolicy.__new__(NetworkPolicy)
     object.__setattr__(network, "config", SimpleNamespace(algorithm="ddqn"))
-    monkeypatch.setattr("agent.firmware.tables.load_policy", lambda _path: network)
+    monkeypatch.setattr("agent.firmware.constants.load_policy", lambda _path: network)
     run = command("firmware", "--policy", "p.npz", "--out", tmp_path)
     assert run.returncode == 2
     assert "a policy by ddqn" in run.stderr

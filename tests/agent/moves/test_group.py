@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.firmware.tables import load_table
+from agent.firmware.constants import load_table
 from agent.mdp.exact import some_starts
 from agent.mdp.greedy import PolicyError
 from agent.method import method_config, method_of, method_policy

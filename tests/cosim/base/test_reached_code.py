@@ -77,6 +77,17 @@ def test_prose_keeps_the_identity(project, module, old, new):
     assert code_digest(*EVALUATION) == before
 
 
+def test_help_texts_keep_the_identity(project):
+    options = "cosim.simulation.options:SimulationOptions"
+    before = code_digest(options)
+    for module, old, new in (
+        ("cosim/simulation/options.py", "Coulomb friction", "Friction"),
+        ("cosim/base/command.py", "Motor FMU to use", "FMU to use"),
+    ):
+        replace(project / module, old, new)
+    assert code_digest(options) == before
+
+
 @pytest.mark.parametrize(
     ("module", "old", "new"),
     [

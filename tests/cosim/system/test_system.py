@@ -22,7 +22,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II
 from cosim.system.graph import Component, Connection, GraphError
 from cosim.system.instance import Instance
-from cosim.system.run import write_run
+from cosim.system.result import write_run
 from cosim.system.system import System
 from tests.references.two_masses import (
     CONNECTIONS,
