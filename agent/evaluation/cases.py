@@ -27,7 +27,7 @@ from cosim.recording.levels import with_bursts
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.simulate import episode_facts
-from cosim.simulation.tasks import Task, simulate_tasks
+from cosim.simulation.tasks import Task, recorder_of, simulate_tasks
 
 # What is recorded of an episode does not change it.
 RECORDS = ("cosim.recording.episode", "cosim.recording.reader", "agent.policies")
@@ -141,9 +141,7 @@ class Case:
         scenario = self.policy.config.scenario
         facts = episode_facts(scenario, self.seed, self.fmu, index, self.start_cells(index))
         facts |= {"train_episodes": self.policy.episodes, "method": method_name(self.policy)}
-        identity = f"{self.digest}-{index}"
-        config, drawn = episode.config, episode.drawn
-        return EpisodeRecorder(path, scenario, config, identity, facts, drawn=drawn)
+        return recorder_of(episode, path, f"{self.digest}-{index}", facts)
 
 
 @dataclass(frozen=True)

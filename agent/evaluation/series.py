@@ -24,7 +24,7 @@ from cosim.recording.levels import Level
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.simulate import draw_episode
-from cosim.simulation.tasks import Task, simulate_tasks
+from cosim.simulation.tasks import Task, recorder_of, simulate_tasks
 
 _SUMMARY = Kind("summary of a run", "choose another --out, or remove it", ConfigError)
 
@@ -146,17 +146,14 @@ class Series:
 
         def recorder(episode: RunningEpisode) -> EpisodeRecorder:
             assert self.record != "none"
-            return EpisodeRecorder(
+            return recorder_of(
+                episode,
                 self._recording(number),
-                self.scenario,
-                self.config,
                 task.recording_id,
                 asdict(self.facts) | {"episode": number, "starts": starts},
                 level=self.record,
                 viewer=self.viewer,
                 policies=self.policy.maps(),
-                drawn=episode.drawn,
-                sampled=episode.sampled,
             )
 
         task = Task(

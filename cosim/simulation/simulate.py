@@ -28,7 +28,7 @@ from cosim.simulation.batch import DRIVERS, chosen_driver
 from cosim.simulation.driving import SupportsDrive, options_for
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import options_of, resolve
-from cosim.simulation.tasks import Task, simulate_tasks
+from cosim.simulation.tasks import Task, recorder_of, simulate_tasks
 
 
 @showing
@@ -103,17 +103,7 @@ def simulate(
     def recorder(episode: RunningEpisode) -> EpisodeRecorder:
         facts = episode_facts(scenario, seed, fmu, 0, starts, driver)
         maps = getattr(policy, "maps", list)()
-        return EpisodeRecorder(
-            kept,
-            scenario,
-            config,
-            task.recording_id,
-            facts,
-            level=record,
-            policies=maps,
-            drawn=episode.drawn,
-            sampled=sampled,
-        )
+        return recorder_of(episode, kept, task.recording_id, facts, level=record, policies=maps)
 
     sampled = sampled_of(scenario.robots, taken("signals", signals, tuple[int, ...]))
     given = scenario, fmu, config, policy, starts, noise_seed, recorder, watch, driver, sampled

@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -23,10 +24,24 @@ from cosim.coupling.rl_step import Step, SupportsAct
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.recording.episode import EpisodeRecorder
+from cosim.recording.file import Kept
 from cosim.simulation.batch import Batch, places_for, shared
 from cosim.simulation.driving import DrivenEpisode, SupportsDrive, drives
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.result import EpisodeResult, facts_of, result_of
+
+
+def recorder_of(
+    episode: RunningEpisode,
+    place: Path | Kept,
+    recording_id: str,
+    facts: dict[str, Any],
+    **how: Any,
+) -> EpisodeRecorder:
+    """Return what records an episode that has begun; arguments as of `EpisodeRecorder`."""
+    own = {"drawn": episode.drawn, "sampled": episode.sampled}
+    known = episode.scenario, episode.config, recording_id, facts
+    return EpisodeRecorder(place, *known, **own, **how)
 
 
 class EpisodeOrigin(msgspec.Struct, frozen=True):

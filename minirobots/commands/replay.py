@@ -84,7 +84,7 @@ def run(options: Replay, progress: Progress) -> Iterator[Comparison]:
     from cosim.recording.rrd import read_chunks, read_rrd
     from cosim.simulation.episode import RunningEpisode
     from cosim.simulation.options import Physics
-    from cosim.simulation.tasks import EpisodeOrigin, Task, simulate_tasks
+    from cosim.simulation.tasks import EpisodeOrigin, Task, recorder_of, simulate_tasks
 
     data = read_rrd(options.recording)
     with parsing(options.recording, EPISODE):
@@ -98,17 +98,8 @@ def run(options: Replay, progress: Progress) -> Iterator[Comparison]:
     kept = Kept()
 
     def recorder(episode: RunningEpisode) -> EpisodeRecorder:
-        return EpisodeRecorder(
-            kept,
-            task.scenario,
-            task.config,
-            data.recording_id,
-            {},
-            level=level,
-            policies=loaded.maps(),
-            drawn=episode.drawn,
-            sampled=episode.sampled,
-        )
+        maps = loaded.maps()
+        return recorder_of(episode, kept, data.recording_id, {}, level=level, policies=maps)
 
     def watch(_: Any, episode: RunningEpisode, __: float) -> None:
         progress("replaying", episode.time_s, task.config.timing.episode_limit_s)
