@@ -30,12 +30,16 @@ def load_policy(
         PolicyError: no such file, not a policy, another schema, or another scenario.
         ConfigError: no policy of the zoo has this name.
     """
-    if str(path).startswith(PREFIX):
-        policy = zoo_policy(str(path), progress)
-        if scenario is not None:
-            policy.require_scenario(scenario, f"{path}: the policy")
-        return policy
-    path = Path(path)
+    in_zoo, name = str(path).startswith(PREFIX), f"{path}: the policy"
+    policy = zoo_policy(str(path), progress) if in_zoo else _of_file(Path(path))
+    if scenario is not None and isinstance(policy, NetworkPolicy):
+        return policy.in_scenario(scenario, name)
+    if scenario is not None:
+        policy.require_scenario(scenario, name)
+    return policy
+
+
+def _of_file(path: Path) -> Policy | PairPolicy | GroupPolicy | NetworkPolicy:
     arrays = read_arrays(path, FILE, ("config",))
     with parsing(path, FILE):
         config = dict(json.loads(arrays["config"].tobytes()))
@@ -44,9 +48,8 @@ def load_policy(
         pair |= dict(config.get("learning", {})).get("algorithm") == "pair"
     if "network" not in config:
         planned = config.get("objective") == "planned"
-        return (GroupPolicy if planned else PairPolicy if pair else Policy).load(path, scenario)
-    policy = NetworkPolicy.load(path)
-    return policy if scenario is None else policy.in_scenario(scenario, f"{path}: the policy")
+        return (GroupPolicy if planned else PairPolicy if pair else Policy).load(path)
+    return NetworkPolicy.load(path)
 
 
 def method_name(policy: GreedyPolicy) -> str:

@@ -54,7 +54,7 @@ def _cost(
 
 
 @inlined
-def _choices(after: np.ndarray, i: int, cell: int) -> int:
+def choices(after: np.ndarray, i: int, cell: int) -> int:
     """Return the number of moves of robot i in a cell: one, to stay, where it is parked."""
     return 1 if after[i, cell, 0] == cell else DIRECTION_COUNT
 
@@ -157,8 +157,8 @@ def tabulate(
                 continue
             first, second = table[0, p, q], table[1, q, p]
             best_a = best_b = farthest = -1
-            for a in range(_choices(after, 0, p)):
-                for b in range(_choices(after, 1, q)):
+            for a in range(choices(after, 0, p)):
+                for b in range(choices(after, 1, q)):
                     cost = _cost(process, after, costs, value, world, p, q, a, b)
                     if cost == np.inf:
                         continue

@@ -15,7 +15,7 @@ import numpy as np
 
 from agent.mdp.exact import Evaluation, count_moves, new_evaluation
 from agent.mdp.grid import AXIS, COLUMN_COUNT, X, Y, least_rotation_argmax, move, place
-from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, joint_states
+from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, choices, joint_states
 from agent.mdp.readings import Process
 from agent.moves.bound import least_times, mean_seconds
 from agent.moves.model import ObservedMoves, move_kind
@@ -82,12 +82,6 @@ def _keeps_apart(p: int, q: int, p_after: int, q_after: int, at: np.ndarray) -> 
     return _nearest(p, q, p_after, q_after, at) >= min(KEPT_CELLS, float(before)) - 1e-9
 
 
-@inlined
-def _choices(after: np.ndarray, i: int, cell: int) -> int:
-    """Return how many moves robot i has in a cell: one, to stay, where it is parked."""
-    return 1 if after[i, cell, 0] == cell else DIRECTION_COUNT
-
-
 @kernel
 def _sweep(
     after: np.ndarray,
@@ -112,7 +106,7 @@ def _sweep(
         if not free[p, q]:
             continue
         new[:] = np.inf
-        p_choices, q_choices = _choices(after, 0, p), _choices(after, 1, q)
+        p_choices, q_choices = choices(after, 0, p), choices(after, 1, q)
         for a in range(p_choices):
             p_after = after[0, p, a]
             if p_after == BLOCKED:
@@ -256,8 +250,8 @@ def pair_values(
     p, q = cells[0], cells[1]
     values[:] = IMPOSSIBLE
     p_driven, q_driven = goals[0] != p, goals[1] != q
-    p_choices = 1 if p_driven else _choices(times.after, 0, p)
-    q_choices = 1 if q_driven else _choices(times.after, 1, q)
+    p_choices = 1 if p_driven else choices(times.after, 0, p)
+    q_choices = 1 if q_driven else choices(times.after, 1, q)
     p_stays, q_stays = p_driven or p_choices == 1, q_driven or q_choices == 1
     least, best_a, best_b, farthest = math.inf, -1, -1, -1
     for a in range(p_choices):

@@ -12,7 +12,7 @@ from agent.mdp.joint import IMPOSSIBLE
 from agent.mdp.optimum import Bound, require_paths
 from agent.mdp.readings import build_process
 from agent.moves.group import MOST_CELLS, MOST_TIMES, Group, evaluate_group, group_of, plan
-from agent.training.pair_policy import alone_maps
+from agent.training.pair_policy import alone_maps, numbered
 from agent.training.policy import PolicyConfig, read_policy
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
@@ -84,12 +84,8 @@ class GroupPolicy(GreedyPolicy):
         Raises:
             ValueError: a cell is off the board, or the number of robots differs.
         """
-        seen, scenario = self.seen(observation), self.config.scenario
-        if ((seen.cells < 0) | (seen.cells >= (scenario.columns, scenario.rows))).any():
-            raise ValueError(f"cells {seen.cells.tolist()} are off the board")
-        cells, axes = seen.cells @ (scenario.rows, 1), seen.direction % AXIS_COUNT
-        last = scenario.columns - 1, scenario.rows - 1
-        goals = seen.goals.clip(0, last) @ (scenario.rows, 1) if len(seen.goals) else cells
+        seen, cells, goals = numbered(self, observation)
+        axes = seen.direction % AXIS_COUNT
         asked = np.stack([cells, goals, axes]).tobytes()
         if asked not in self._plans:
             actions, ends = np.empty(len(cells), dtype=np.int64), np.empty(len(cells))
@@ -122,14 +118,10 @@ class GroupPolicy(GreedyPolicy):
         return {}
 
     @classmethod
-    def load(cls, path: Path | str, scenario: Scenario | None = None) -> "GroupPolicy":
-        """Read a policy; with `scenario`, only if it was computed for that geometry.
+    def load(cls, path: Path | str) -> "GroupPolicy":
+        """Read a policy.
 
         Raises:
-            PolicyError: no such file, not such a policy, another schema, or another scenario.
+            PolicyError: no such file, not such a policy, or another schema.
         """
-        config, _, _ = read_policy(path, ())
-        policy = cls(config)
-        if scenario is not None:
-            policy.require_scenario(scenario, f"{path}: the policy")
-        return policy
+        return cls(read_policy(path, ())[0])

@@ -51,6 +51,23 @@ def alone_maps(
     return found
 
 
+def numbered(
+    policy: GreedyPolicy, observation: Observation
+) -> tuple[Observation, np.ndarray, np.ndarray]:
+    """Return an observation, and the numbers of its cells and goals, (N,) int64 each.
+
+    Raises:
+        ValueError: a cell is off the board, or the number of robots differs.
+    """
+    seen, scenario = policy.seen(observation), policy.config.scenario
+    size = np.array((scenario.columns, scenario.rows))
+    if ((seen.cells < 0) | (seen.cells >= size)).any():
+        raise ValueError(f"cells {seen.cells.tolist()} are off the board")
+    cells = seen.cells @ (scenario.rows, 1)
+    goals = seen.goals.clip(0, size - 1) @ (scenario.rows, 1) if len(seen.goals) else cells
+    return seen, cells, goals
+
+
 @dataclass(frozen=True, repr=False)
 class PairPolicy(GreedyPolicy):
     """Joint moves of least time, looked for one move ahead.
@@ -95,12 +112,7 @@ class PairPolicy(GreedyPolicy):
         Raises:
             ValueError: a cell is off the board, or there are not two robots.
         """
-        seen, scenario = self.seen(observation), self.config.scenario
-        if ((seen.cells < 0) | (seen.cells >= (scenario.columns, scenario.rows))).any():
-            raise ValueError(f"cells {seen.cells.tolist()} are off the board")
-        cells = seen.cells @ (scenario.rows, 1)
-        last = scenario.columns - 1, scenario.rows - 1
-        goals = seen.goals.clip(0, last) @ (scenario.rows, 1) if len(seen.goals) else cells
+        seen, cells, goals = numbered(self, observation)
         values = np.empty((2, DIRECTION_COUNT), dtype=np.float32)
         pair_values(self.times, cells, goals, seen.direction % AXIS_COUNT, values)
         return values
@@ -129,11 +141,11 @@ class PairPolicy(GreedyPolicy):
         return {"delay": self.delay - of_both(first), "first": first} | visits
 
     @classmethod
-    def load(cls, path: Path | str, scenario: Scenario | None = None) -> "PairPolicy":
-        """Read a policy; with `scenario`, only if it was computed for that geometry.
+    def load(cls, path: Path | str) -> "PairPolicy":
+        """Read a policy.
 
         Raises:
-            PolicyError: no such file, not such a policy, another schema, or another scenario.
+            PolicyError: no such file, not such a policy, or another schema.
         """
         config, episodes, arrays = read_policy(path, ("delay",), ("first", "visits"))
         cells = config.scenario.columns * config.scenario.rows
@@ -146,10 +158,7 @@ class PairPolicy(GreedyPolicy):
             np.uint16, np.uint16, np.uint32,
         ):  # fmt: skip
             raise PolicyError(f"{path}: times and configuration do not fit; compute it again")
-        policy = cls(config, delay + of_both(first), episodes, arrays.get("visits"))
-        if scenario is not None:
-            policy.require_scenario(scenario, f"{path}: the policy")
-        return policy
+        return cls(config, delay + of_both(first), episodes, arrays.get("visits"))
 
 
 def of_pair(config: PolicyConfig) -> bool:

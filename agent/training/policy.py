@@ -191,11 +191,11 @@ class Policy(GreedyPolicy):
         return {"q": self.q, "visits": self.visits, "random": self.random}
 
     @classmethod
-    def load(cls, path: Path | str, scenario: Scenario | None = None) -> "Policy":
-        """Read a policy; with `scenario`, only if it was trained on that geometry.
+    def load(cls, path: Path | str) -> "Policy":
+        """Read a policy.
 
         Raises:
-            PolicyError: no such file, not a policy, another schema, or another scenario.
+            PolicyError: no such file, not a policy, or another schema.
         """
         config, episodes, arrays = read_policy(path, ("q", "visits", "random"))
         with parsing(Path(path), _CONFIG):
@@ -203,8 +203,6 @@ class Policy(GreedyPolicy):
             consistent = policy._consistent()
         if not consistent:
             raise PolicyError(f"{path}: tables and configuration do not fit; train it again")
-        if scenario is not None:
-            policy.require_scenario(scenario, f"{path}: the policy")
         return policy
 
     def _consistent(self) -> bool:

@@ -179,7 +179,7 @@ def test_default_method_observes_moves_and_trains_on_them(run, tmp_path, monkeyp
     done = run("--train-episodes", 20_000, "--time-limit", 4, "--out", out, "--record", "none")
     assert done.returncode == 0, done.stderr
     (path,) = (tmp_path / "moves").glob("*.json")
-    policy = PairPolicy.load(out / "policy.npz", find_scenario("2"))
+    policy = PairPolicy.load(out / "policy.npz")
     assert policy.config.moves == ObservedMoves.load(path)
     assert summary_of(out)["method"] == "pair"
 

@@ -8,6 +8,7 @@ import pytest
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import evaluate
+from agent.policies import load_policy
 from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_train
@@ -71,7 +72,7 @@ def test_acting_on_observations_repeats_the_exact_evaluation(policy):
 def test_save_and_load_keep_every_bit(policy, tmp_path):
     path = tmp_path / "deep" / "policy.npz"
     policy.save(path)
-    again = Policy.load(path, small_scenario())
+    again = Policy.load(path)
     assert again.config == policy.config
     assert again.episodes == 20_000
     for name in ("q", "visits", "random"):
@@ -102,7 +103,7 @@ def test_missing_and_broken_files_are_refused(saved, tmp_path):
 
 def test_other_scenario_and_other_schema_are_refused(saved):
     with pytest.raises(PolicyError, match=r"trained on scenario small .* not on scenario 4"):
-        Policy.load(saved, find_scenario("4"))
+        load_policy(saved, find_scenario("4"))
     rewrite(saved, lambda d: d | {"schema_version": 99})
     with pytest.raises(PolicyError, match="schema 99"):
         Policy.load(saved)
