@@ -32,7 +32,7 @@ from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.onboard.estimation import POSE
 from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
-from cosim.physics.body_state import Q_W, Q_X, Q_Y, Q_Z, X, Y, standing_state
+from cosim.physics.body_state import X, Y, orientation_of, standing_state
 from cosim.physics.rotation import heading
 from cosim.simulation.driving import DriveObservation, in_frames, refuse_without_effect, velocities
 from cosim.simulation.measures import PATH_SAMPLING_S
@@ -83,7 +83,7 @@ def _locate(
     """Write true poses (R, 3) and distances from targets (R,) of the first R bodies."""
     for i in range(len(poses)):
         poses[i, 0], poses[i, 1] = bodies[X, i], bodies[Y, i]
-        poses[i, 2] = heading((bodies[Q_W, i], bodies[Q_X, i], bodies[Q_Y, i], bodies[Q_Z, i]))
+        poses[i, 2] = heading(orientation_of(bodies[:, i]))
         away_m[i] = math.hypot(bodies[X, i] - targets_m[i, 0], bodies[Y, i] - targets_m[i, 1])
 
 

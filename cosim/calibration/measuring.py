@@ -28,6 +28,7 @@ SETTLE_S = 0.5  # motors reach 98 % of the set point; the map has the speed they
 ROUNDS = 2  # of the dither, there and back
 UNDITHERED_ROUND_S = 0.3
 BATCH = 16  # trials that are co-simulated together
+AHEAD, TURNING, AIRBORNE = 2, 4, 5  # columns of `measure_batch`: speed, yaw rate, share of time
 
 
 class Point(NamedTuple):
@@ -142,7 +143,7 @@ def measure_batch(
         commands[:, OMEGA_D] = set_points[:, 0]
         commands[:, OMEGA_E] = set_points[:, 1] + sign * phase_rate
         trial.advance(settle)
-        before = trial.bodies[:7].T.copy()
+        before = trial.bodies[: QUATERNION.stop].T.copy()
         omega, airborne, lifted, track = [], [], [], [before[None]]
         for k in range(2 * ROUNDS):
             change = (dither if k % 2 == 0 else -dither)[:, None] * unequal

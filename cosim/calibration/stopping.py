@@ -16,6 +16,7 @@ from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.world import draw_world
 from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
+from cosim.physics.body_state import PLANE
 from cosim.physics.properties import gravity
 
 ROBOTS, TRIALS, ROUNDS = 64, 4, 8  # 2048 stops
@@ -72,7 +73,7 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
             kind = rng.integers(4, size=robots)[:, None]
             trial.commands[:, MODE] = DIRECT
             left = round(slower * rng.uniform(*_DRIVE_S) / period_s)
-            before = trial.bodies[:2].T.copy()
+            before = trial.bodies[PLANE].T.copy()
             while left > 0:
                 # Any two speeds; driving; turning; the largest speeds.
                 speeds = rng.uniform(-largest, largest, (robots, 2))
@@ -86,7 +87,7 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
                 left -= periods
                 if periods > 1:
                     trial.advance(periods - 1)
-                before = trial.bodies[:2].T.copy()
+                before = trial.bodies[PLANE].T.copy()
                 trial.advance(1, first)
             trial.commands[:, MODE] = HOLD
             at = trial.advance(round(slower * REST_S / period_s), rest).position[:, :, :2]

@@ -32,6 +32,7 @@ from cosim.onboard.camera import (
 from cosim.onboard.estimation import ESTIMATE_SIZE, ODOMETRY, POSE
 from cosim.onboard.shield import variance_of
 from cosim.onboard.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START, THROUGH
+from cosim.physics.body_state import PLANE
 from cosim.physics.properties import gravity
 
 ROBOTS, LENGTH_S = 48, 12.0
@@ -75,7 +76,7 @@ def drive_about(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -> T
     with Trial(fmu, config, headings, sequence, drawn.motors, slope, sight) as trial:
         trial.lay(corners(config, trial.origins_m, rng))
         trial.commands[:, THROUGH] = rng.random(robots) < 0.5
-        poses = [np.concatenate([trial.bodies[:2], headings[None]]).T[None]]
+        poses = [np.concatenate([trial.bodies[PLANE], headings[None]]).T[None]]
         commanded = [np.zeros((robots, 4))]
         for k in range(round(LENGTH_S / (_PERIODS * period_s))):
             due = np.flatnonzero(until <= trial.time_s)
@@ -83,7 +84,7 @@ def drive_about(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -> T
             direction = np.where(same[due], usual[due], rng.uniform(-np.pi, np.pi, len(due)))
             ahead = np.array([np.cos(direction), np.sin(direction)])
             along = rng.uniform(*_LINE_M, len(due)) * ahead
-            place = trial.estimates[due, POSE : POSE + 2] if k else trial.bodies[:2, due].T
+            place = trial.estimates[due, POSE : POSE + 2] if k else trial.bodies[PLANE, due].T
             trial.commands[due, DIRECTION] = direction
             trial.commands[due, GOAL_X : GOAL_Y + 1] = place + along.T
             trial.commands[due, MODE] = np.where(rng.random(len(due)) < _HOLDS, HOLD, START)

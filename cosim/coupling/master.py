@@ -6,21 +6,25 @@ of its start (Jacobi). Inputs change once per control period, with the reaction 
 every step. Time is an integer tick count.
 
 Three drivers give the same bits. `CompiledDriver` calls the FMU's C functions from machine code and
-moves bodies in the lanes of vectors. `cosim.coupling.stepping.FmpyDriver` does the same, but fmpy
+moves bodies in the lanes of vectors. `FmpyDriver` does the same, but fmpy
 steps the FMU, once per control period. `ReferenceDriver` goes through fmpy's Python classes at
 every communication step, one body after the other.
 """
 
+import ctypes
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
+from fmpy.fmi1 import FMICallException
 
 from cosim.base.errors import UserError
-from cosim.base.jit import kernel
+from cosim.base.jit import kernel, uninterrupted
 from cosim.coupling.assembly import Motors
 from cosim.coupling.calls import (
     INCOMPLETE,
     NOT_FINITE,
+    RAISED,
     Calls,
     get_signals,
     set_inputs,
@@ -28,14 +32,16 @@ from cosim.coupling.calls import (
     step_period,
     take_sampled,
 )
+from cosim.coupling.interface import OUTPUTS
 from cosim.coupling.period import begin_period
 from cosim.coupling.plant import Plant, begin_step, push_bodies, react, step_robots
 from cosim.coupling.sampling import end_period, restore_ended, sample_tick
-from cosim.coupling.signals import SIGNALS, RawSamples, Samples, State
+from cosim.coupling.signals import MOTORS, SIGNALS, RawSamples, Samples, State, aligned
 from cosim.fmi.abi import FMI_OK, FMI_WARNING
 from cosim.physics.lanes import Width, width_of
 
 _ONE = width_of(1)
+_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
 
 
 class NotFiniteError(UserError):
@@ -157,6 +163,62 @@ class CompiledDriver:
                 raise self.motors.error(instance, "asked to stop", plant.body.dt)
             what = f"failed (fmi3Status {status})"
             raise self.motors.error(instance, what, plant.body.dt, status)
+
+
+class FmpyDriver(CompiledDriver):
+    """Steps all motors by `doStep` of fmpy's FMU3Slave, once per control period; bodies in lanes.
+
+    One FMU instance has all motors of a batch, which must be made with `sampled`. In a `doStep` it
+    makes the ticks of a control period on its own and keeps its outputs at the end of each
+    communication step, which the bodies then see one after the other. The compiled loop exchanges
+    inputs and outputs itself, through the functions of the library that fmpy has loaded.
+    """
+
+    @uninterrupted  # what a signal raises would be lost on its way out of compiled code
+    def advance(
+        self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
+    ) -> None:
+        """See `Driver.advance`."""
+        steps = plant.ticks_per_period // plant.ticks_per_step
+        failures: list[BaseException] = []
+        callback = _CALLBACK(self._stepper(plant, failures))
+        self.calls = self.motors.calls._replace(
+            step_period=ctypes.cast(callback, ctypes.c_void_p).value,
+            sampled=aligned(len(OUTPUTS) * steps * MOTORS, state.inputs.shape[1]),
+        )
+        try:
+            super().advance(plant, state, noise, samples, raw)
+        except Exception as error:
+            if failures and not isinstance(failures[0], FMICallException):
+                raise failures[0] from None
+            raise error from (failures or [None])[0]
+
+    def _stepper(self, plant: Plant, failures: list[BaseException]) -> Callable[[object], int]:
+        """Return a function that steps all motors over a control period and returns a status.
+
+        Args:
+            plant: constants.
+            failures: gets what is raised.
+        """
+        motor = self.motors.array
+        if motor is None:
+            return lambda _: FMI_OK  # there is no period to simulate either
+        do_step, ticks, dt_s = motor.slave.doStep, plant.ticks_per_period, plant.body.dt
+        now = ctypes.c_int64.from_buffer(self.motors.calls.ticks.data)
+
+        def step(_: object) -> int:
+            try:
+                tick = now.value
+                _, terminate, early_return, _ = do_step(tick * dt_s, ticks * dt_s)
+            except BaseException as error:
+                failures.append(error)
+                return error.status if isinstance(error, FMICallException) else RAISED
+            if terminate or early_return:
+                return INCOMPLETE
+            now.value = tick + ticks
+            return FMI_OK
+
+        return step
 
 
 @kernel

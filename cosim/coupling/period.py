@@ -11,6 +11,7 @@ from cosim.onboard.camera import INTERVAL, look
 from cosim.onboard.estimation import POSE, take_command
 from cosim.onboard.shield import Ground, guard
 from cosim.onboard.steering import SPEED, YAW_RATE, steer
+from cosim.physics.body_state import X, Y, orientation_of
 from cosim.physics.collision import find_near_obstacles, find_near_pairs
 from cosim.physics.properties import feel_patches
 from cosim.physics.rotation import heading
@@ -70,12 +71,12 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
                 for motor in range(MOTORS):
                     state.set_points[motor, column] = 0.0
                 continue
-            omega_d, omega_e = _steer(plant, state, column, period_s)
-            state.set_points[0, column], state.set_points[1, column] = omega_d, omega_e
-            state.inputs[0, column] = _motor_input(plant, omega_d)
-            state.inputs[1, column] = _motor_input(plant, omega_e)
-            state.inputs[2, column] = noise[column, 0] * abs(omega_d)
-            state.inputs[3, column] = noise[column, 1] * abs(omega_e)
+            set_points = _steer(plant, state, column, period_s)
+            for motor in range(MOTORS):
+                omega = set_points[motor]
+                state.set_points[motor, column] = omega
+                state.inputs[motor, column] = _motor_input(plant, omega)
+                state.inputs[MOTORS + motor, column] = noise[column, motor] * abs(omega)
             state.busy[column - column % lanes] = 1
             walls = find_near_obstacles(
                 state.bodies, column, state.obstacles[episode], plant.pair, state.near_walls, walls
@@ -110,8 +111,7 @@ def _motor_input(plant: Plant, omega: float) -> float:
 def _look(plant: Plant, state: State, column: int) -> None:
     """Find out where a robot is, as far as it can be known."""
     body, camera, sight = state.bodies[:, column], state.cameras[column], state.sight[:, column]
-    angle = heading((body[3], body[4], body[5], body[6]), plant.portable)
-    pose = (body[0], body[1], angle)
+    pose = (body[X], body[Y], heading(orientation_of(body), plant.portable))
     estimate = state.estimates[column]
     look(camera, state.frames[column], estimate, sight, pose, plant.estimator, plant.portable)
 

@@ -26,16 +26,13 @@ from cosim.coupling.signals import (
 from cosim.model.params import EstimatorParams, ShieldParams, SteeringParams
 from cosim.physics.body import at_axis, stepped
 from cosim.physics.body_state import (
-    Q_W,
-    Q_X,
-    Q_Y,
-    Q_Z,
     V_X,
     V_Y,
     V_Z,
     W_X,
     W_Y,
     W_Z,
+    orientation_of,
     read_body,
     write_body,
 )
@@ -66,8 +63,8 @@ class Plant(NamedTuple):
         mount_d, mount_e: motors D and E, likewise.
         steering: gains and speeds.
         estimator: of every robot.
-        shield: what is kept where it is on.
-        shielded: whether it is.
+        shield: distances that the shield keeps.
+        shielded: whether the shield is enabled.
         pair: contact of robots with each other and with obstacles.
         end_on_collision: whether such a contact, or a robot's centre where it is forbidden, is a
             COLLISION that ends the run.
@@ -276,7 +273,7 @@ def react(plant: Plant, state: State) -> None:
     rate = 1.0 / (plant.ticks_per_step * plant.body.dt)
     for column in range(state.bodies.shape[1]):
         body, held = state.bodies[:, column], state.held_velocities[:, column]
-        matrix = rotation_matrix((body[Q_W], body[Q_X], body[Q_Y], body[Q_Z]))
+        matrix = rotation_matrix(orientation_of(body))
         change = (
             (body[V_X] - held[0]) * rate,
             (body[V_Y] - held[1]) * rate,

@@ -23,7 +23,7 @@ from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.onboard.camera import INTERVAL
 from cosim.onboard.estimation import COVARIANCE, POSE
 from cosim.onboard.steering import HEADING_ERROR, MODE
-from cosim.physics.body_state import FRICTIONS, NORMALS, Q_W, Q_X, Q_Y, Q_Z, V_X, W_Z, X, Y, Z
+from cosim.physics.body_state import FRICTIONS, NORMALS, Q_W, V_X, W_Z, X, Y, Z, orientation_of
 from cosim.physics.neighbours import FOUND, Grid, find_near, list_by_cells
 from cosim.physics.rotation import heading
 
@@ -149,8 +149,7 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
     estimate = state.estimates[column]
     if state.cameras[column, INTERVAL] == 0.0:  # what decides next knows the pose of now
         estimate[POSE], estimate[POSE + 1] = body[X], body[Y]
-        q = (body[Q_W], body[Q_X], body[Q_Y], body[Q_Z])
-        estimate[POSE + 2] = heading(q, plant.portable)
+        estimate[POSE + 2] = heading(orientation_of(body), plant.portable)
     for k in range(3):
         samples.estimate[row, column, k] = estimate[POSE + k]
         for i in range(k + 1):

@@ -21,6 +21,7 @@ NORMALS = 13  # normal impulses of feet A, B, C in the last step, N s
 FRICTIONS = 16  # friction impulses of A, B, C, body frame (x, y, z) each, N s
 STATE_SIZE = 25
 POSITION, QUATERNION = slice(X, Q_W), slice(Q_W, V_X)
+PLANE = slice(X, Z)  # x and y of the position
 VELOCITY, ANGULAR_VELOCITY = slice(V_X, W_X), slice(W_X, NORMALS)
 NORMAL_IMPULSE, FRICTION_IMPULSE = slice(NORMALS, FRICTIONS), slice(FRICTIONS, STATE_SIZE)
 BODY_SIGNALS = (  # name and size of each
@@ -64,34 +65,41 @@ class Body(NamedTuple):
 def read_body(bodies: np.ndarray, column: int, width: Width) -> Body:
     """Bodies of (STATE_SIZE, B) from a column on, one for every lane."""
     return Body(
-        _read_vector(bodies, X, column, width),
-        (load(bodies, Q_W, column, width), *_read_vector(bodies, Q_X, column, width)),
-        _read_vector(bodies, V_X, column, width),
-        _read_vector(bodies, W_X, column, width),
+        read_vector(bodies, X, column, width),
+        (load(bodies, Q_W, column, width), *read_vector(bodies, Q_X, column, width)),
+        read_vector(bodies, V_X, column, width),
+        read_vector(bodies, W_X, column, width),
         _read_impulse(bodies, 0, column, width),
         (
             load(bodies, NORMALS + 1, column, width),
-            _read_vector(bodies, FRICTIONS + 3, column, width),
+            read_vector(bodies, FRICTIONS + 3, column, width),
         ),
         (
             load(bodies, NORMALS + 2, column, width),
-            _read_vector(bodies, FRICTIONS + 6, column, width),
+            read_vector(bodies, FRICTIONS + 6, column, width),
         ),
     )
 
 
 @inlined
-def _read_impulse(bodies: np.ndarray, foot: int, column: int, width: Width) -> Impulse:
-    normal = load(bodies, NORMALS + foot, column, width)
-    return normal, _read_vector(bodies, FRICTIONS + 3 * foot, column, width)
+def orientation_of(body: np.ndarray) -> Quaternion:
+    """Orientation of one body, world from body, by its state (STATE_SIZE,)."""
+    return body[Q_W], body[Q_X], body[Q_Y], body[Q_Z]
 
 
 @inlined
-def _read_vector(bodies: np.ndarray, row: int, column: int, width: Width) -> Vector:
+def _read_impulse(bodies: np.ndarray, foot: int, column: int, width: Width) -> Impulse:
+    normal = load(bodies, NORMALS + foot, column, width)
+    return normal, read_vector(bodies, FRICTIONS + 3 * foot, column, width)
+
+
+@inlined
+def read_vector(rows: np.ndarray, row: int, column: int, width: Width) -> Vector:
+    """Vector of which three rows have the components, from a column on, one for every lane."""
     return (
-        load(bodies, row, column, width),
-        load(bodies, row + 1, column, width),
-        load(bodies, row + 2, column, width),
+        load(rows, row, column, width),
+        load(rows, row + 1, column, width),
+        load(rows, row + 2, column, width),
     )
 
 

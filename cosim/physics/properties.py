@@ -11,6 +11,7 @@ import numpy as np
 from cosim.base.jit import inlined
 from cosim.model.params import MotorParams, RobotParams
 from cosim.model.world import IDEAL, Drawn, World
+from cosim.physics.body_state import X, Y, orientation_of, read_vector
 from cosim.physics.contact import CONTACT_TOLERANCE, ContactParams, contact_params
 from cosim.physics.forces import MotorMount
 from cosim.physics.lanes import Width, any_lane, load
@@ -151,13 +152,13 @@ def read_params(
     restitution = load(properties, RESTITUTION, column, width)
     return BodyParams(
         load(properties, INVERSE_MASS, column, width),
-        _read_vector(properties, INERTIA, column, width),
-        _read_vector(properties, INVERSE_INERTIA, column, width),
+        read_vector(properties, INERTIA, column, width),
+        read_vector(properties, INVERSE_INERTIA, column, width),
         load(properties, PRODUCT, column, width),
         load(properties, INVERSE_PRODUCT, column, width),
         (x, y),
         any_lane(abs(x) + abs(y) > 0.0),
-        _read_vector(properties, GRAVITY, column, width),
+        read_vector(properties, GRAVITY, column, width),
         restitution,
         any_lane(restitution > 0.0),
         common.dt,
@@ -166,7 +167,7 @@ def read_params(
             feet.a,
             feet.b,
             feet.c,
-            _read_vector(properties, MU, column, width),
+            read_vector(properties, MU, column, width),
             load(properties, STEP_NORMAL, column, width),
             load(properties, STEP_TANGENTIAL, column, width),
             load(properties, SPIN_INERTIA, column, width),
@@ -205,24 +206,13 @@ def feel_patches(
         patches: (P, 5) left, bottom, right, top in m, and mu; later ones cover earlier ones.
         common: with the feet.
     """
-    axes = rotation_matrix(
-        (bodies[3, column], bodies[4, column], bodies[5, column], bodies[6, column])
-    )
+    axes = rotation_matrix(orientation_of(bodies[:, column]))
     feet = (common.contact.a, common.contact.b, common.contact.c)
     for k in range(len(feet)):
         x, y, z = feet[k]
         arm = (x - properties[CENTRE, column], y - properties[CENTRE + 1, column], z)
-        at_x, at_y = bodies[0, column] + dot(axes[0], arm), bodies[1, column] + dot(axes[1], arm)
+        at_x, at_y = bodies[X, column] + dot(axes[0], arm), bodies[Y, column] + dot(axes[1], arm)
         properties[MU + k, column] = properties[FLOOR_MU, column]
         for p in range(len(patches)):
             if patches[p, 0] <= at_x < patches[p, 2] and patches[p, 1] <= at_y < patches[p, 3]:
                 properties[MU + k, column] = patches[p, 4]
-
-
-@inlined
-def _read_vector(properties: np.ndarray, row: int, column: int, width: Width) -> Vector:
-    return (
-        load(properties, row, column, width),
-        load(properties, row + 1, column, width),
-        load(properties, row + 2, column, width),
-    )

@@ -26,7 +26,13 @@ from cosim.coupling.assembly import (
     why_not_fmpy,
 )
 from cosim.coupling.fmu import MotorFmu
-from cosim.coupling.master import CompiledDriver, Driver, NotFiniteError, ReferenceDriver
+from cosim.coupling.master import (
+    CompiledDriver,
+    Driver,
+    FmpyDriver,
+    NotFiniteError,
+    ReferenceDriver,
+)
 from cosim.coupling.rl_step import SAMPLED, Step
 from cosim.coupling.signals import (
     RawSamples,
@@ -38,7 +44,6 @@ from cosim.coupling.signals import (
     new_state,
     with_room,
 )
-from cosim.coupling.stepping import FmpyDriver
 from cosim.fmi.isolation import calling
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell, Scenario

@@ -43,7 +43,7 @@ from cosim.onboard.steering import (
     THROUGH,
 )
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
-from cosim.physics.body_state import POSITION, standing_state
+from cosim.physics.body_state import PLANE, standing_state
 from cosim.physics.properties import gravity
 from cosim.simulation.measures import Measures
 
@@ -156,7 +156,7 @@ class RunningEpisode:
     @property
     def positions_m(self) -> np.ndarray:
         """True centres of the robots, (N, 2)."""
-        return self._bodies[:, POSITION][:, :2].copy()
+        return self._bodies[:, PLANE].copy()
 
     @property
     def arrived(self) -> np.ndarray:

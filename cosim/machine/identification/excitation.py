@@ -8,6 +8,7 @@ import numpy as np
 from cosim.base.storage import replacing
 from cosim.coupling.assembly import Motors, draw_noise, noise_generators
 from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.signals import MOTORS
 from cosim.model.config import CoSimConfig
 
 # Set points of motors D and E in rad/s, each held for HOLD_S. Magnitudes differ by 100 rad/s or
@@ -62,16 +63,16 @@ def motor_speeds(
     if seed is not None:
         noise = draw_noise(config, noise_generators(seed, 1), len(set_points))
     speeds = np.zeros((len(set_points) + 1, 2))
-    inputs, outputs = np.zeros((6, 1)), np.zeros((6, 1))
+    inputs, outputs = np.zeros((3 * MOTORS, 1)), np.zeros((3 * MOTORS, 1))
     motors = Motors(fmu, config, 1)
     motors.restart([0], ((config.motor, config.motor),))
     try:
         for period, wanted in enumerate(set_points):
-            inputs[:4, 0] = *wanted, *(noise[period, 0] * abs(wanted))
+            inputs[: 2 * MOTORS, 0] = *wanted, *(noise[period, 0] * abs(wanted))
             motors.set_inputs(inputs, dt_s)
             motors.step(ticks, dt_s)
             motors.get_outputs(outputs, dt_s)
-            speeds[period + 1] = outputs[2:4, 0]
+            speeds[period + 1] = outputs[MOTORS : 2 * MOTORS, 0]
     finally:
         motors.close()
     return speeds

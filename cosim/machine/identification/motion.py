@@ -13,7 +13,15 @@ import numpy as np
 from cosim.base.jit import inlined, kernel
 from cosim.model.params import TABLE_II, MotorParams, RobotParams
 from cosim.physics.body import stepped
-from cosim.physics.body_state import STATE_SIZE, read_body, standing_state, write_body
+from cosim.physics.body_state import (
+    STATE_SIZE,
+    X,
+    Y,
+    orientation_of,
+    read_body,
+    standing_state,
+    write_body,
+)
 from cosim.physics.contact import ContactParams
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.lanes import Width, host_lanes, load, width_of
@@ -175,9 +183,9 @@ def _shaped(body: BodyParams, shapes: np.ndarray, column: int, width: Width) -> 
 @inlined
 def _look(bodies: np.ndarray, properties: np.ndarray, column: int, seen: np.ndarray) -> None:
     body = bodies[:, column]
-    q = (body[3], body[4], body[5], body[6])
+    q = orientation_of(body)
     axes = rotation_matrix(q)
     x, y = properties[CENTRE, column], properties[CENTRE + 1, column]
-    seen[column, 0] = body[0] - (axes[0][0] * x + axes[0][1] * y)
-    seen[column, 1] = body[1] - (axes[1][0] * x + axes[1][1] * y)
+    seen[column, 0] = body[X] - (axes[0][0] * x + axes[0][1] * y)
+    seen[column, 1] = body[Y] - (axes[1][0] * x + axes[1][1] * y)
     seen[column, 2] = heading(q)

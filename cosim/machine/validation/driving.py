@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.calibration.measuring import Point, measure_batch
+from cosim.calibration.measuring import AHEAD, AIRBORNE, TURNING, Point, measure_batch
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.physics.body_state import QUATERNION
+from cosim.physics.body_state import PLANE, QUATERNION
 
 _PHASE_S = 0.5  # in which motors come to their speed and to the phase between them
 _REST_S = 0.5  # in which robots come to rest
@@ -60,8 +60,8 @@ def measured_speed(
         for phase in 2.0 * math.pi * np.arange(phases) / phases
     ]
     table = measure_batch(config, fmu, points, np.random.SeedSequence(0))
-    motion = e * table[:, 2 if manoeuvre in DRIVES else 4]
-    shares = float(table[:, 5].mean())
+    motion = e * table[:, AHEAD if manoeuvre in DRIVES else TURNING]
+    shares = float(table[:, AIRBORNE].mean())
     return MeasuredSpeed(float(motion.mean()), float(motion.min()), float(motion.max()), shares)
 
 
@@ -144,5 +144,5 @@ def drive_by_the_clock(
                     ahead = np.zeros((robots, 2))
         advance(np.zeros(2), round(_REST_S / period_s))
         turned = heading_angles(np.array(angles))
-        moved = trial.bodies[:2].T - trial.origins_m
+        moved = trial.bodies[PLANE].T - trial.origins_m
     return np.column_stack([moved, turned[-1] - turned[0]])
