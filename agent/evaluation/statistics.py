@@ -70,15 +70,15 @@ def rate_of_weights(share: float, worth: float) -> Rate:
 
 
 def interval_text(
-    of: Interval | Statistics, digits: int, factor: float = 1.0, unit: str = ""
+    of: Interval | Statistics, digits: int = 2, factor: float = 1.0, unit: str = ""
 ) -> str:
     """Mean and interval as text; [–] where the runs are too few for an interval."""
-    mean, *ends = (
-        "–" if v is None else f"{factor * v:.{digits}f}" for v in (of.mean, of.low, of.high)
-    )
     if of.mean is None:
-        return mean
-    return f"{mean}{unit} [{'–' if of.low is None else ', '.join(ends)}]"
+        return "–"
+    ends = "–"
+    if of.low is not None and of.high is not None:
+        ends = f"{factor * of.low:.{digits}f}, {factor * of.high:.{digits}f}"
+    return f"{factor * of.mean:.{digits}f}{unit} [{ends}]".replace("-", "−")
 
 
 def interquartile_mean(values: np.ndarray) -> float:

@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from agent.evaluation.statistics import interval_text
 from agent.experiments.results import VariantResult
 from analysis.figures.learning import (
     VariantCurves,
@@ -21,7 +22,7 @@ from analysis.figures.learning import (
     load_variants,
     settled_after,
 )
-from analysis.figures.style import WIDTH_IN, Caption, Drawing, interval
+from analysis.figures.style import WIDTH_IN, Caption, Drawing
 from analysis.reading.results import FIGURES, RESULTS
 from analysis.reading.written import read_experiment
 from cosim.base.plotting import BLUE, GREY, VERMILION
@@ -79,7 +80,7 @@ def _with_differences(
     numbers, parts = dict(drawing.caption.numbers), []
     for name, measures in content.differences.items():
         numbers[f"{name}_{measure}_difference"] = difference = measures[measure]
-        parts.append(f"{content.variants[name].label} {interval(difference, factor, unit=unit)}")
+        parts.append(f"{content.variants[name].label} {interval_text(difference, 2, factor, unit)}")
     what = measure.removesuffix("_cm").replace("_", " ")
     text = f"Difference in {what} from the reference, run by run: {'; '.join(parts)}."
     ours = (*drawing.caption.ours, text)
@@ -112,8 +113,8 @@ def learning_figure(
 def _sentence(variant: VariantCurves, numbers: dict[str, Any]) -> str:
     after = numbers["learnt_after_episodes"]
     since = f"above 99 % from {after:,} episodes on" if after else "not above 99 % at the end"
-    success = interval(numbers["success"], 100.0, 1, " %")
-    path = interval(numbers["path_length_cm"], unit=" cm")
+    success = interval_text(numbers["success"], 1, 100.0, " %")
+    path = interval_text(numbers["path_length_cm"], unit=" cm")
     runs = numbers["success"].runs
     return f"{variant.label}: success {success} ({since}), path {path}, {runs} runs."
 
@@ -128,7 +129,7 @@ def path_ratio(results: Path) -> Drawing:
         path, moves = (variant.over_runs[key] for key in ("ratio_to_bound", "steps_ratio_to_bound"))
         numbers[name] = {"path_length": path, "moves": moves}
         ours.append(
-            f"{variant.label}: path {interval(path, digits=3)}, moves {interval(moves, digits=3)}."
+            f"{variant.label}: path {interval_text(path, 3)}, moves {interval_text(moves, 3)}."
         )
     caption = Caption(
         "path_ratio",

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from agent.evaluation.statistics import Interval, Statistics, interval_text
 from cosim.base.errors import UserError
 from cosim.base.plotting import SETTINGS
 from cosim.base.reading import Kind, read_json
@@ -104,10 +103,3 @@ def read_caption(folder: Path, figure: str) -> Caption:
     fix = f"draw it with `python -m analysis.figures {figure} --out {folder}`"
     kind = Kind("caption of a figure", fix, FigureError)
     return read_json(folder / f"{figure}.json", kind, Caption)
-
-
-def interval(
-    of: Interval | Statistics, factor: float = 1.0, digits: int = 2, unit: str = ""
-) -> str:
-    """Mean and its 95 % interval as text, see `interval_text`."""
-    return interval_text(of, digits, factor, unit).replace("-", "−")

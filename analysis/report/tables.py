@@ -6,23 +6,26 @@ Reads what commands wrote and formats it, with intervals; the page around it is 
 from pathlib import Path
 from typing import NamedTuple
 
+from agent.evaluation.statistics import interval_text
 from agent.experiments.results import ExperimentResult
-from agent.study.episodes import interval_of
-from agent.study.transfer import QUICK_EPISODES, TransferRow
-from analysis.figures.style import NOTHING, interval
+from agent.study.episodes import METHOD, MU, PATH_RATIO, SCENARIO, SHIELD, rate_column
+from agent.study.transfer import QUICK_EPISODES
+from analysis.figures.style import NOTHING
 from analysis.reading.results import RESULTS
 from analysis.reading.written import read_experiment, read_transfer
 from analysis.timings import TimingsFile
+from cosim.base.table import field
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import ENDS
 
-# Column, measure of `agent.mdp.exact`, factor, digits, unit.
+# Column, measure of `agent.mdp.exact`, digits, factor, unit.
 _MEASURES = (
-    ("success", "success", 100.0, 1, " %"),
-    ("path length, cm", "path_length_cm", 1.0, 2, ""),
-    ("moves", "steps", 1.0, 2, ""),
-    ("path over shortest", "ratio_to_bound", 1.0, 3, ""),
+    ("success", "success", 1, 100.0, " %"),
+    ("path length, cm", "path_length_cm", 2, 1.0, ""),
+    ("moves", "steps", 2, 1.0, ""),
+    ("path over shortest", "ratio_to_bound", 3, 1.0, ""),
 )
+_TRANSFER = (SCENARIO, METHOD, MU, SHIELD, field("episodes"), *map(rate_column, ENDS), PATH_RATIO)
 
 
 class ReportTable(NamedTuple):
@@ -66,11 +69,11 @@ def _learning_table(title: str, content: ExperimentResult) -> ReportTable:
     rows, differences = [], content.differences
     for key, variant in content.variants.items():
         row = [variant.label]
-        for _, measure, factor, digits, unit in _MEASURES:
-            row.append(interval(variant.over_runs[measure], factor, digits, unit))
+        for _, measure, digits, factor, unit in _MEASURES:
+            row.append(interval_text(variant.over_runs[measure], digits, factor, unit))
         if differences:
             difference = differences.get(key)
-            row.append(interval(difference["path_length_cm"]) if difference else NOTHING)
+            row.append(interval_text(difference["path_length_cm"]) if difference else NOTHING)
         rows.append(tuple(row))
     header = ["", *(column for column, *_ in _MEASURES)]
     if differences:
@@ -97,33 +100,19 @@ def transfer_tables(results: Path) -> list[ReportTable]:
     if not RESULTS["transfer"].exists(results):
         return []
     report = read_transfer(results)
-    rows = [_transfer_row(row) for row in report.rows]
+    rows = [tuple(column.text(row) for column in _TRANSFER) for row in report.rows]
     command = f"python -m cosim.transfer --seed {report.seed}"
     for of in ("scenario", "method"):
         command += f" --{of}s " + " ".join(dict.fromkeys(getattr(row, of) for row in report.rows))
     if max((row.planned for row in report.rows), default=0) <= QUICK_EPISODES:
         command += " --quick"
-    outcomes = (name.replace("_", " ") for name in ENDS)
-    header = ("scenario", "training", "µ", "shield", "episodes", *outcomes, "path over grid")
+    header = tuple(column.heading for column in _TRANSFER)
     note = (
         "Policies in the full dynamics with noise on the measured speeds; shares with 95 % Wilson "
         "intervals."
     )
     title = "Success in co-simulation by training method"
     return [ReportTable(title, note, command, header, rows)]
-
-
-def _transfer_row(row: TransferRow) -> tuple[str, ...]:
-    shares = (interval(interval_of(row, name), 100.0, 1, " %") for name in ENDS)
-    return (
-        row.scenario,
-        row.method,
-        f"{row.mu:g}",
-        "on" if row.shield else NOTHING,
-        str(row.episodes),
-        *shares,
-        interval(interval_of(row, "path_ratio_to_grid"), digits=3),
-    )
 
 
 def timing_table(timings: TimingsFile) -> ReportTable:

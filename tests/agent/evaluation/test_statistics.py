@@ -97,5 +97,5 @@ def test_episodes_that_count_less_have_wider_intervals():
 
 def test_a_cell_says_that_there_is_no_interval():
     assert interval_text(Interval(0.5, 0.25, 0.75), 1, 100.0, " %") == "50.0 % [25.0, 75.0]"
-    assert interval_text(Interval(0.5, None, None), 2) == "0.50 [–]"
+    assert interval_text(Interval(-0.5, None, None), 2) == "−0.50 [–]"
     assert interval_text(Interval(None, None, None), 2) == "–"

@@ -12,7 +12,7 @@ from markupsafe import escape
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from analysis.figures.style import Caption, Interval, interval, read_caption, write_caption
+from analysis.figures.style import Caption, read_caption, write_caption
 from analysis.reading.results import FIGURES
 from analysis.reading.written import ResultError
 from analysis.report.content import ReportError, not_drawn
@@ -105,7 +105,7 @@ def test_empty_and_damaged_results(tmp_path):
 def test_transfer_is_a_table_with_intervals(row, write_transfer):
     (table,) = transfer_tables(write_transfer(row("4", "slip", 0.85)))
     (cells,) = table.rows
-    assert cells[:6] == ("4", "slip", "0.15", "–", "50", "85.0 % [75.0, 95.0]")
+    assert cells[:6] == ("4", "slip", "0.15", "off", "50", "85.0% [75.0, 95.0]")
     assert cells[-1] == "–"
     assert len(cells) == len(table.header)
     assert table.command == "python -m cosim.transfer --seed 0 --scenarios 4 --methods slip"
@@ -122,12 +122,6 @@ def test_what_a_reproduction_has_not_drawn_is_made_by_its_command(tmp_path):
         assert command == f"python -m analysis.reproduce --out . --seed 7{option}"
     alone, *_ = not_drawn(tmp_path, tmp_path, None)["fig09"]
     assert alone.startswith("python -m cosim.run --scenario 1a")
-
-
-def test_intervals_in_words():
-    assert interval(Interval(0.5, 0.25, 0.75), 100.0, 1, " %") == "50.0 % [25.0, 75.0]"
-    assert interval(Interval(-1.0, None, None)) == "−1.00 [–]"
-    assert interval(Interval(None, None, None)) == "–"
 
 
 @pytest.fixture
