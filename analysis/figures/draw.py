@@ -10,7 +10,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from analysis.figures import fig03, fig05, fig07, learning_figures, motor_cycle, paths, schematics
+from analysis.figures import fig03, fig05, fig07, learning, motor_cycle, paths, schematics
 from analysis.figures import transfer as transfer_figure
 from analysis.figures.style import Drawing, save, use_style, write_caption
 from analysis.reading.results import missing
@@ -26,16 +26,16 @@ DRAWN_BY: dict[str, Callable[[Path], Drawing]] = {
     "fig05": fig05.make,
     "fig06": schematics.fig06,
     "fig07": fig07.make,
-    "fig08": partial(learning_figures.learning_figure, "fig08"),
+    "fig08": partial(learning.learning_figure, "fig08"),
     "fig09": paths.fig09,
-    "fig10": learning_figures.fig10,
-    "fig11": partial(learning_figures.learning_figure, "fig11"),
+    "fig10": learning.fig10,
+    "fig11": partial(learning.learning_figure, "fig11"),
     "fig12": paths.fig12,
     "groups": fig05.in_groups,
     "motor_cycle": motor_cycle.make,
     "obstacles": fig05.among_obstacles,
-    "path_ratio": learning_figures.path_ratio,
-    "sequel": learning_figures.sequel,
+    "path_ratio": learning.path_ratio,
+    "sequel": learning.sequel,
     "transfer": transfer_figure.make,
 }
 # Of a page of the docs; such a picture takes well under 150 kB.

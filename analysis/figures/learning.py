@@ -1,21 +1,56 @@
-"""Result folders of `agent.experiments`: their content, learning curves as arrays and panels."""
+"""Figures 8, 10, 11 and `sequel`: learning curves of experiments; path lengths next to bounds."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agent.evaluation.statistics import mean_intervals
-from agent.experiments.results import ExperimentResult
+from agent.evaluation.statistics import interval_text, mean_intervals
+from agent.experiments.results import ExperimentResult, VariantResult
 from agent.training.loop import TrainingLog
 from agent.training.runs import policy_paths
 from agent.training.store import LOG_FILE
-from analysis.figures.style import WIDTH_IN, FigureError
+from analysis.figures.style import WIDTH_IN, Caption, Drawing, FigureError
+from analysis.reading.results import FIGURES, RESULTS
+from analysis.reading.written import read_experiment
+from cosim.base.plotting import BLUE, GREY, VERMILION
 
 POINTS = 200  # drawn per curve; a point is the mean of the learning curve's points that it covers
+# Success rate that counts as learnt.
+LEARNT = 0.99
+_CURVES = (
+    "Upper row: mean over the last 100 episodes, exploring; lower row: the greedy policy at that "
+    "time from every start; bands: 95 % intervals of the mean over runs"
+)
+
+# Title and claim of the paper, by figure.
+_LEARNING = {
+    "fig08": (
+        f"Success rate and path length of one robot over episodes, scenarios 1a and 1b. {_CURVES}",
+        "in both scenarios the optimal policy is achieved quickly.",
+    ),
+    "fig10": (
+        f"Success rate and path length of a pair for values of c in Eq. (12), scenario 4. "
+        f"{_CURVES}",
+        "better results are obtained when c = 1.5.",
+    ),
+    "fig11": (
+        f"Success rate and path length of pairs over episodes, scenarios 2, 3 and 4. {_CURVES}",
+        "both robots learn to reach their targets without colliding, also where the targets make "
+        "the scenario harder.",
+    ),
+    "sequel": (
+        "Success rate and path length of groups of robots over episodes: the greedy policy at that "
+        "time from drawn starts; bands: 95 % intervals of the mean over runs",
+        "double Q-learning offers a more stable and reliable learning process (the sequel, "
+        "doi 10.1080/01691864.2020.1757507).",
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -125,4 +160,114 @@ def draw_learning_curves(variants: dict[str, VariantCurves]) -> Figure:
     runs = len(next(iter(variants.values())).logs)
     grid[0, 1].set_title(f"mean of {runs} runs, 95 % interval", loc="right")
     grid[0, 0].legend(loc="lower right")
+    return figure
+
+
+def fig10(results: Path) -> Drawing:
+    """Draw the effect of the coefficient c of Eq. (12)."""
+    return _with_differences(
+        learning_figure("fig10", results), results, "path_length_cm", 1.0, " cm"
+    )
+
+
+def sequel(results: Path) -> Drawing:
+    """Learning curves of groups of four and six robots, by both algorithms of the sequel."""
+    drawing = learning_figure("sequel", results, draw_by_scenario)
+    return _with_differences(drawing, results, "success", 100.0, " %")
+
+
+def _with_differences(
+    drawing: Drawing, results: Path, measure: str, factor: float, unit: str
+) -> Drawing:
+    """Add to the caption how the variants differ from their references in a measure."""
+    content = read_experiment(drawing.caption.figure, results)
+    numbers, parts = dict(drawing.caption.numbers), []
+    for name, measures in content.differences.items():
+        numbers[f"{name}_{measure}_difference"] = difference = measures[measure]
+        parts.append(f"{content.variants[name].label} {interval_text(difference, 2, factor, unit)}")
+    what = measure.removesuffix("_cm").replace("_", " ")
+    text = f"Difference in {what} from the reference, run by run: {'; '.join(parts)}."
+    ours = (*drawing.caption.ours, text)
+    return drawing._replace(caption=replace(drawing.caption, ours=ours, numbers=numbers))
+
+
+def learning_figure(
+    figure: str,
+    results: Path,
+    draw: Callable[[dict[str, VariantCurves]], Figure] = draw_learning_curves,
+) -> Drawing:
+    """Learning curves of an experiment: of one robot (fig08), of pairs (fig11) and so on.
+
+    Raises:
+        ResultError: there are no such results.
+    """
+    content = read_experiment(figure, results)
+    variants = load_variants(RESULTS[figure].location(results), content)
+    numbers: dict[str, Any] = {"episodes": content.episodes}
+    ours = []
+    for name, variant in variants.items():
+        over_runs = content.variants[name].over_runs
+        numbers[name] = {key: over_runs[key] for key in ("success", "path_length_cm", "steps")}
+        numbers[name]["learnt_after_episodes"] = settled_after(variant, LEARNT)
+        ours.append(_sentence(variant, numbers[name]))
+    caption = Caption(figure, *_LEARNING[figure], tuple(ours), numbers, FIGURES[figure])
+    return Drawing(draw(variants), caption)
+
+
+def _sentence(variant: VariantCurves, numbers: dict[str, Any]) -> str:
+    after = numbers["learnt_after_episodes"]
+    since = f"above 99 % from {after:,} episodes on" if after else "not above 99 % at the end"
+    success = interval_text(numbers["success"], 1, 100.0, " %")
+    path = interval_text(numbers["path_length_cm"], unit=" cm")
+    runs = numbers["success"].runs
+    return f"{variant.label}: success {success} ({since}), path {path}, {runs} runs."
+
+
+def path_ratio(results: Path) -> Drawing:
+    """Path length and moves of every run over those of the exact optimum."""
+    variants: dict[str, VariantResult] = {}
+    for name in FIGURES["path_ratio"]:
+        variants |= read_experiment(name, results).variants
+    numbers, ours = {}, []
+    for name, variant in variants.items():
+        path, moves = (variant.over_runs[key] for key in ("ratio_to_bound", "steps_ratio_to_bound"))
+        numbers[name] = {"path_length": path, "moves": moves}
+        ours.append(
+            f"{variant.label}: path {interval_text(path, 3)}, moves {interval_text(moves, 3)}."
+        )
+    caption = Caption(
+        "path_ratio",
+        "Path length (left) and moves (right) of the greedy policies over those of the shortest "
+        "collision-free joint paths; dots: runs; bars: mean and 95 % interval over runs",
+        "“optimal” is the shortest path; the paths found are called optimal for one robot and "
+        "sub-optimal for pairs, without a measure.",
+        tuple(ours),
+        numbers,
+        FIGURES["path_ratio"],
+    )
+    return Drawing(_draw_ratios(variants), caption)
+
+
+def _draw_ratios(variants: dict[str, VariantResult]) -> Figure:
+    figure, grid = plt.subplots(1, 2, figsize=(WIDTH_IN, 2.8), sharey=True)
+    measures = (
+        ("ratio_to_bound", "path length", BLUE),
+        ("steps_ratio_to_bound", "moves", VERMILION),
+    )
+    random = np.random.default_rng(0)  # spreads dots that would hide each other
+    for axes, (key, title, colour) in zip(grid, measures, strict=True):
+        for place, variant in enumerate(variants.values()):
+            values = [v for run in variant.runs if (v := getattr(run, key)) is not None]
+            spread = random.uniform(-0.15, 0.15, len(values))
+            axes.plot(place + spread, values, ".", color=GREY, markersize=4, alpha=0.6)
+            s = variant.over_runs[key]
+            if s.mean is not None and s.low is not None and s.high is not None:
+                below, above = s.mean - s.low, s.high - s.mean
+                bars = np.maximum([[below], [above]], 0.0)
+                axes.errorbar(place, s.mean, bars, fmt="o", color=colour, capsize=4)
+        axes.axhline(1.0, color=GREY, linewidth=0.8)
+        axes.set_xticks(range(len(variants)), [v.scenario for v in variants.values()])
+        axes.set_xlabel("scenario")
+        axes.set_title(title, loc="left")
+    grid[0].set_ylabel("ratio to the exact optimum")
     return figure

@@ -17,12 +17,13 @@ from analysis.figures.learning import (
     POINTS,
     VariantCurves,
     draw_learning_curves,
+    fig10,
     load_variants,
+    path_ratio,
     plot_band,
     settled_after,
     thinned,
 )
-from analysis.figures.learning_figures import fig10, path_ratio
 from analysis.figures.style import FigureError
 from analysis.reading.results import RESULTS
 from analysis.reading.written import ResultError, read_experiment
