@@ -2,12 +2,13 @@
 
 import contextlib
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from agent.training.settings import COMPUTED, Method
+from agent.training.settings import COMPUTED, Method, refuse_former
 from cosim.base.command import workers
 from cosim.base.errors import UserError, in_shell
 from cosim.base.progress import Progress, under_way
@@ -89,6 +90,14 @@ class Run(NewFolder, Simulating):
     faster); reference calls fmpy's class at every tick (the same bits, some 400 times slower);
     adaptive does so with a communication step that it adapts by rolling the FMUs back. By default
     fmpy, and compiled with --reaction or a motor FMU without samples of its outputs."""
+
+    @classmethod
+    def defaults(cls, arguments: list[str]) -> None:
+        """Refuse methods of earlier versions by name."""
+        words = [word for argument in arguments for word in argument.split("=")]
+        for option, value in pairwise(words):
+            if option == "--method":
+                refuse_former(value, "method")
 
     def __post_init__(self) -> None:
         super().__post_init__()

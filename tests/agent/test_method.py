@@ -8,6 +8,7 @@ import pytest
 from agent import method as methods
 from agent.method import method_config, method_of
 from agent.moves.model import Move, ObservedMoves
+from agent.study.policies import policy_of
 from agent.training.policy import Policy
 from agent.training.runs import policy_paths
 from agent.training.settings import COMPUTED, METHODS
@@ -60,9 +61,15 @@ def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch)
 
 
 @pytest.mark.parametrize(("name", "instead"), [("prompt", "pair"), ("quickest", "fastest")])
-def test_a_method_that_has_gone_names_what_replaces_it(name, instead):
+def test_a_method_that_has_gone_names_what_replaces_it(name, instead, monkeypatch):
     with pytest.raises(UserError, match=f"method {name} no longer exists; use {instead}"):
         method_config(name, find_scenario("4"))
+    with pytest.raises(UserError, match=f"method {name} no longer exists; use {instead}"):
+        policy_of(name)
+    for given in (["--method", name], [f"--method={name}"]):
+        monkeypatch.setattr("sys.argv", ["minirobots run", *given])
+        with pytest.raises(UserError, match=f"method {name} no longer exists; use {instead}"):
+            execute("run")
 
 
 def test_the_default_method_can_learn_every_board():
