@@ -20,7 +20,7 @@ from cosim.base.provenance import digest_of
 from cosim.recording.blueprint import robot_names, training_blueprint
 from cosim.recording.file import Recording, scalars
 from cosim.recording.policy_map import PolicyMap
-from cosim.recording.scene import SERIES, map_colours, palette, unit_arrows
+from cosim.recording.scene import SERIES, map_colours, palette, robot_colour, unit_arrows
 
 _ARROW_CELLS = 0.8
 _GAP_CELLS, _BAR_CELLS = 1, 1  # between a map and its colour bar, and the bar's width
@@ -134,7 +134,9 @@ def joined(logs: Sequence[TrainingLog], times: str, values: str) -> tuple[np.nda
 
 
 def _colours(entity: str, count: int) -> np.ndarray:
-    """Colours of the curves of an entity; greedy ones differ from exploring ones in one plot."""
+    """Colours of the curves of an entity: the robots', or that of greedy or exploring ones."""
+    if entity == "return":
+        return palette([robot_colour(robot) for robot in range(count)])
     first = int(entity.startswith("greedy/"))
     return palette([SERIES[(first + k) % len(SERIES)] for k in range(count)])
 

@@ -32,6 +32,8 @@ def episode_blueprint(
     *,
     bursts: bool = True,
     policies: bool = False,
+    values: bool = True,
+    distances: bool = True,
     camera: bool = False,
 ) -> rrb.Blueprint:
     """Arena above timelines of actions on the left, tabs of plots on the right.
@@ -41,10 +43,12 @@ def episode_blueprint(
         size_m: width and height of the board, for the eye.
         bursts: whether bursts at every tick are recorded.
         policies: whether the robots' policies are drawn on the floor.
+        values: whether the first tab has action values and rewards, or else where robots are.
+        distances: whether those between robots are recorded.
         camera: whether robots are seen by a camera.
     """
     names = robot_names(robots)
-    several = len(names) > 1
+    several = len(names) > 1 and distances
 
     def plots(
         title: str, *rows: tuple[str, *tuple[str, ...]], time: rrb.TimeAxis = _WHOLE_TIME
@@ -56,15 +60,17 @@ def episode_blueprint(
                 name=f"{label} · {name}",
                 axis_x=time,
                 # A robot's colour tells its signals, the label their order; a legend hides curves,
-                # and is shown where the eight directions have room for it.
+                # and is shown where the eight directions have room for it, below their rise.
                 plot_legend=rrb.PlotLegend(
-                    visible=title == "plots" and any(p.endswith("/q_s") for p in paths)
+                    corner=rrb.Corner2D.RightBottom,
+                    visible=title == "plots" and any(p.endswith("/q_s") for p in paths),
                 ),
             )
             for label, *paths in rows
             for name in names
         ]
-        return rrb.Grid(*views, grid_columns=len(names), name=title)
+        shares = [2] + [1] * (len(rows) - 1) if title == "plots" else None
+        return rrb.Grid(*views, grid_columns=len(names), row_shares=shares, name=title)
 
     def states(title: str, *paths: str, also: tuple[str, ...] = ()) -> rrb.StateTimelineView:
         return rrb.StateTimelineView(
@@ -76,18 +82,22 @@ def episode_blueprint(
 
     speeds = "speed of D (dark), E, set points (white), rad/s"
     omega, set_point = "/sim/{r}/motors/omega", "/sim/{r}/motors/omega_des"
-    q_values = "Q of the eight directions (legend: tab learning)", "/rl/{r}/q_s"
+    q_values = "/rl/{r}/q_s"
     # The reward of the goal is hidden: a hundred times that of a step, it would flatten the rest.
     rewards = "reward of a step: its time (dark), nearness; not the goal", "/rl/{r}/reward_parts"
+    valued = [
+        ("Q of the eight directions (legend: tab learning)", q_values),
+        rewards,
+        ("return", "/rl/{r}/return"),
+    ]
+    position = "position x (dark), y, m", "/sim/{r}/position"
     apart = [("distance to the nearest robot, m", "/sim/{r}/distance_m")] * several
     tabs = [
         plots(
             "overview",
             (speeds, omega, set_point),
             ("voltage of D (dark), E, V", "/sim/{r}/motors/voltage"),
-            q_values,
-            rewards,
-            ("return", "/rl/{r}/return"),
+            *(valued if values else [position, *apart]),
         ),
         plots(
             "motors",
@@ -96,7 +106,7 @@ def episode_blueprint(
         ),
         plots(
             "motion",
-            ("position m", "/sim/{r}/position"),
+            position,
             ("heading rad", "/sim/{r}/heading"),
             ("velocity m/s", "/sim/{r}/velocity"),
             ("heading error rad", "/sim/{r}/heading_error"),
@@ -122,7 +132,7 @@ def episode_blueprint(
         rrb.Vertical(
             plots(
                 "plots",
-                q_values,
+                ("Q of the eight directions", q_values),
                 ("visited cells", "/rl/{r}/visited"),
                 *([("distance to the nearest robot in cells", "/rl/{r}/distance")] * several),
             ),
@@ -160,7 +170,7 @@ def episode_blueprint(
                     *("action", "steering", "move", "failure"),
                     also=("/outcome",),
                 ),
-                row_shares=[3, 1],
+                row_shares=[3, 2],
             ),
             rrb.Tabs(*tabs, active_tab=0),
             column_shares=[2, 3],
@@ -208,18 +218,20 @@ def training_blueprint(robots: int, columns: int = 0, rows: int = 0) -> rrb.Blue
     names = robot_names(robots)
     # Room for the labels of the colour bars, which the viewer leaves out when it fits a view.
     bounds = rrb.VisualBounds2D(x_range=[-1, columns + 6], y_range=[-2, rows + 2])
+    below, above = rrb.Corner2D.RightBottom, rrb.Corner2D.RightTop
     curves = [
         rrb.TimeSeriesView(
             origin="/",
             contents=[f"/train/{path}/**" for path in paths],
             name=title,
             axis_x=_WHOLE_TIME,
+            plot_legend=rrb.PlotLegend(corner=corner),  # where no curve is
         )
-        for title, *paths in (
-            ("success rate", "success", "greedy/success"),
-            ("path length cm", "path_length", "greedy/path_length"),
-            ("return", "return"),
-            ("exploration ε", "epsilon"),
+        for title, corner, *paths in (
+            ("success rate", below, "success", "greedy/success"),
+            ("path length cm", above, "path_length", "greedy/path_length"),
+            ("return", below, "return"),
+            ("exploration ε", above, "epsilon"),
         )
     ]
     maps = [

@@ -30,7 +30,7 @@ from cosim.recording.episode_scene import EpisodeScene
 from cosim.recording.file import Kept, Recording, scalars, simulated
 from cosim.recording.levels import DETAILS, Level, periods
 from cosim.recording.policy_map import PolicyMap
-from cosim.recording.scene import SWARM, write_floor, write_scene
+from cosim.recording.scene import SWARM, WHITE, write_floor, write_scene
 from cosim.recording.series import (
     ARRIVED,
     DIRECTION_NAMES,
@@ -52,6 +52,7 @@ _MINUTE_S = 60.0  # simulated time that is written together: what a killed proce
 _SHORT_S = 120.0
 _MANY_ROWS = 5000
 _ROUNDING_S = 1e-9
+_LABEL_HEIGHTS = 0.2  # of the board, above it
 _BURSTS_S = TIMING.rl_step_s  # least time between two bursts, however short RL steps are
 
 
@@ -122,6 +123,8 @@ class EpisodeRecorder:
             scenario.size_m,
             bursts=config.timing.burst_s > 0.0,
             policies=bool(policies),
+            values=bool(policies),
+            distances=self._all_sampled,
             camera=camera,
         )
 
@@ -156,6 +159,7 @@ class EpisodeRecorder:
         patches = config.world.mu_patches
         file.send(_unchanging(scenario, config.robot, patches, signals, self._sampled))
         file.columns(OUTCOME, simulated(np.zeros(1)), rr.StateChange.columns(state=[STILL_RUNNING]))
+        self._write_label(0.0, STILL_RUNNING)
         for name, policy in zip(self._names, policies, strict=False):
             write_floor(file, name, scenario, policy)
         write_run_page(file, facts, self._config)
@@ -392,7 +396,18 @@ class EpisodeRecorder:
 
     def _write_log(self, stretch: list[_Decided]) -> None:
         told = (self._log.lines(step, parts.sum(axis=1)) for step, _, parts in stretch)
-        write_lines(self._file, [line for lines in told for line in lines])
+        lines = [line for lines in told for line in lines]
+        write_lines(self._file, lines)
+        for line in lines:
+            if line.entity == OUTCOME:
+                self._write_label(line.time_s, line.state)
+
+    def _write_label(self, time_s: float, outcome: str) -> None:
+        """Write the outcome above the board: the end of a timeline has no room for it."""
+        width, height = self._scenario.size_m
+        at = [(width / 2.0, height, _LABEL_HEIGHTS * height)]
+        label = rr.Points3D.columns(positions=at, labels=[outcome], colors=[WHITE], radii=[0.0])
+        self._file.columns("/world/outcome", simulated(np.array([time_s])), label)
 
     def _starts(self, stretch: list[_Decided]) -> tuple[np.ndarray, np.ndarray]:
         """Times in s and numbers of the stretch's RL steps."""

@@ -7,6 +7,7 @@ import time
 from collections import namedtuple
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from cosim.model.world import Patch, World
 from cosim.onboard.steering import MODE_NAMES
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
-from cosim.recording.file import Recording, RecordingError, properties, scalars, simulated
+from cosim.recording.file import Kept, Recording, RecordingError, properties, scalars, simulated
 from cosim.recording.levels import DETAILS, with_bursts
 from cosim.recording.policy_map import PolicyMap
 from cosim.recording.reader import read_episode
@@ -217,7 +218,8 @@ def test_rows_cover_blocks_also_across_rl_steps(recorded, lengths):
     voltage = np.concatenate([step.samples.voltage for step in cut])
     blocks = np.split(voltage, np.arange(every, len(voltage), every))
     stretch = Stretch(cut, TIMING)
-    for how, of_block in (("mean", np.mean), ("max", np.max)):
+    ways: dict[Literal["mean", "max"], Any] = {"mean": np.mean, "max": np.max}
+    for how, of_block in ways.items():
         rows = stretch.reduced(lambda samples: samples.voltage, every, how)
         assert rows == pytest.approx(np.array([of_block(block, axis=0) for block in blocks]))
     assert np.array_equal(stretch.last(every).voltage, [block[-1] for block in blocks])
@@ -245,26 +247,36 @@ def test_rewards_add_up_to_the_return(recorded):
     assert rows(path, "/rl/r2/q_s")[1][0] == pytest.approx(np.arange(8.0, 16.0))
 
 
-@pytest.mark.parametrize("level", ["summary", "default", "full"])
-def test_every_path_of_the_blueprint_is_recorded(recorded, shown_paths, tmp_path, level):
+@pytest.mark.parametrize(
+    ("level", "values"),
+    [("summary", True), ("default", True), ("full", True), ("default", False)],
+)
+def test_every_path_of_the_blueprint_is_recorded(recorded, shown_paths, level, values):
     """Views of a missing entity stay empty without a word."""
     _, steps = recorded
-    path = tmp_path / "episode.rrd"
+    kept = Kept()
     config = CoSimConfig(timing=TIMING._replace(burst_s=DETAILS[level].burst_s))
-    maps = [PolicyMap(np.eye(30), np.eye(30, dtype=int), np.eye(30))] * 2
+    maps = [PolicyMap(np.eye(30), np.eye(30, dtype=int), np.eye(30))] * 2 * values
     if level == "summary":
         steps = [step._replace(raw=RawSamples(*(v[:0] for v in step.raw))) for step in steps]
     with EpisodeRecorder(
-        path, SCENARIO, config, "test", {"seed": 0}, level=level, policies=maps
+        kept, SCENARIO, config, "test", {"seed": 0}, level=level, policies=maps
     ) as recorder:
         for step in steps:
-            recorder.write(step, Decision(step.action, np.zeros((2, 8))), np.zeros((2, 3)))
-    entities = {chunk.entity_path for chunk in RrdReader(str(path)).stream()}
-    blueprint = episode_blueprint(2, SCENARIO.size_m, bursts=level != "summary", policies=True)
-    paths = shown_paths(blueprint)
+            decision = Decision(step.action, np.zeros((2, 8)) if values else None)
+            recorder.write(step, decision, np.zeros((2, 3)) if values else None)
+    paths = shown_paths(kept.blueprint)
     assert len(paths) > (20 if level == "summary" else 26)
-    missing = {p for p in paths if not any(e == p or e.startswith(p + "/") for e in entities)}
-    assert not missing
+    for static in (True, False):  # styles are, of signals without a row too
+        entities = {c.entity_path for c in kept.chunks if static or not c.is_static}
+        missing = {p for p in paths if not any(e == p or e.startswith(p + "/") for e in entities)}
+        if static:
+            assert not missing
+    # The tab on learning stays, for values that a policy without maps may have.
+    unsaid = {"failure"} if values else {"failure", "q_s", "greedy"}
+    assert missing - {"/info/run"} == {
+        f"/rl/r{robot}/{name}" for robot in (1, 2) for name in unsaid
+    }
 
 
 def test_obstacles_stand_on_the_floor(tmp_path):
@@ -520,6 +532,19 @@ def test_modes_of_the_steering_and_the_outcome_are_states_by_name(recorded):
     assert {"turn", "drive"} & {*states.texts}
     assert list(episode.texts[OUTCOME].texts) == ["running"]
     assert episode.outcome == ""
+
+
+def test_the_outcome_stands_above_the_board_from_the_start(recorded):
+    _, steps = recorded
+    kept = Kept()
+    with EpisodeRecorder(kept, SCENARIO, CoSimConfig(), "test", {"seed": 0}) as recorder:
+        recorder.write(steps[0])
+        recorder.write(steps[1]._replace(outcome="timeout"))
+    found = [c.to_record_batch() for c in kept.chunks if c.entity_path == "/world/outcome"]
+    labels = [label for rows in found for label in rows.column("Points3D:labels").to_pylist()]
+    assert labels == [["running"], ["timeout"]]
+    times = [t for rows in found for t in rows.column("sim_time").cast("int64").to_pylist()]
+    assert times == [0, 4_000_000_000]
 
 
 def test_a_robot_has_one_colour_in_every_view():

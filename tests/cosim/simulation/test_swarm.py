@@ -17,6 +17,7 @@ from cosim.onboard.features import Observation
 from cosim.onboard.observing import draw_starts
 from cosim.physics.lanes import host_lanes
 from cosim.recording.episode import EpisodeRecorder
+from cosim.recording.file import Kept
 from cosim.recording.reader import read_episode
 from cosim.simulation.batch import Batch
 from cosim.simulation.tasks import Task, simulate_tasks
@@ -89,6 +90,15 @@ def test_episodes_in_two_threads_are_those_of_one():
     for number, result in one.items():
         assert result.energy_j_by_robot == two[number].energy_j_by_robot
         assert result.path_length_cm_by_robot == two[number].path_length_cm_by_robot
+
+
+def test_views_show_what_is_recorded_of_some(shown_paths):
+    kept = Kept()
+    with EpisodeRecorder(kept, SCENARIO, CONFIG, "many", {"seed": 0}):
+        pass
+    shown = shown_paths(kept.blueprint)
+    assert "/sim/r4/position" in shown
+    assert not [path for path in shown if path.endswith(("/distance", "/distance_m"))]
 
 
 def test_a_recording_has_poses_of_all_and_signals_of_some(tmp_path, driven):
