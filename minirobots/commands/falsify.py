@@ -82,6 +82,11 @@ def run(options: Falsify, progress: Progress) -> Iterator[Any]:
         from agent.policies import load_policy
 
         found, policy = read_cases(options.replay), load_policy(options.policy)
+        if found.config.motor_fmu and options.physics.motor_fmu is None:
+            raise ConfigError(
+                f"{options.replay}: its cases were found with another motor FMU than the built-in "
+                "one; name it by --motor-fmu"
+            )
         fmu, threads = options.physics.fmu(progress), options.where.count
         now = run_again(found, policy, fmu, threads, progress)
         replayed = ReplayReport(then=found.cases, now=now)

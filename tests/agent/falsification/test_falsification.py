@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -13,6 +14,7 @@ from agent.method import method_policy
 from agent.moves import observe
 from agent.study.store import ResultFileError
 from cosim.base.errors import UserError
+from cosim.base.storage import write_json
 from cosim.model.outcome import Outcome
 from cosim.model.scenario_file import find_scenario
 from cosim.simulation.result import EpisodeResult
@@ -136,6 +138,15 @@ def test_cases_are_what_they_were_when_they_are_run_again(whole, policy, command
     report = json.loads(ended.stdout.splitlines()[-1])
     for then, now in zip(report["then"], report["now"], strict=True):
         assert now | {"recording": None} == then | {"recording": None}
+
+
+def test_cases_of_another_motor_are_not_run_with_the_built_in_one(whole, policy, command, tmp_path):
+    found = read_cases(policy.parent / "whole" / "cases.json")
+    own = msgspec.structs.replace(found, config=replace(found.config, motor_fmu="0" * 16))
+    write_json(tmp_path / "cases.json", own)
+    ended = command("falsify", "--policy", policy, "--replay", tmp_path / "cases.json")
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert "found with another motor FMU than the built-in one; name it by" in ended.stderr
 
 
 @pytest.mark.parametrize(
