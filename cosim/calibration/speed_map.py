@@ -22,8 +22,9 @@ MANOEUVRES = {
 }
 DRIVES = ("forwards", "backwards")
 # Share of time without any foot on the floor from which robots with bouncing feet hop. Below it the
-# speeds are those of feet that do not bounce, within some per cent (docs/physics.md).
-BOUNCING_SHARE = 0.15
+# speeds are those of feet that do not bounce, within some per cent; above it they depend on the
+# phase between the motors (docs/physics.md).
+BOUNCING_SHARE = 0.12
 LEAST_M_S = 5e-5  # assumed: below, a cell takes minutes, and robots count as not moving
 _WEAK = 0.9  # of the largest set point: below, motors do not follow it
 

@@ -15,8 +15,7 @@ from cosim.recording.file import simulated
 class Stretch:
     """Sampled signals of consecutive RL steps.
 
-    Samples are joined row by row as they are needed: joining all of them first takes most of the
-    time of a recording.
+    Only the rows that are needed are joined, because joining all of them takes longer.
 
     Args:
         steps: the steps.
