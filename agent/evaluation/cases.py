@@ -30,7 +30,12 @@ from cosim.simulation.simulate import episode_facts
 from cosim.simulation.tasks import Task, recorder_of, simulate_tasks
 
 # What is recorded of an episode does not change it.
-RECORDS = ("cosim.recording.episode", "cosim.recording.reader", "agent.policies")
+RECORDS = (
+    "cosim.recording.episode",
+    "cosim.recording.file",
+    "cosim.recording.reader",
+    "agent.policies",
+)
 # What is drawn from the seed: the order of the starts, and the noise of every one.
 _ORDER, _NOISE = 0, 1
 

@@ -150,7 +150,7 @@ def test_trained_policy_is_found_again(runs):
         (["--scenario", "7"], "unknown scenario '7'"),
         (["--no-isolate", "--motor-fmu", "nowhere.fmu"], "nowhere.fmu does not exist"),
         (["--no-isolate", "--motor-fmu", __file__], "is broken"),
-        (["--dt", "3e-5"], "no whole multiple"),
+        (["--dt", "3e-5"], "not a whole multiple"),
         (["--mu", "-1"], "mu = -1.0 must be"),
         (["--speed", "9"], "would make the robot hop; the largest possible is 4."),
         (["--episodes", "0"], "--episodes must be at least 1"),

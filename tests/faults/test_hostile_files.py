@@ -334,13 +334,15 @@ SETTINGS = {
     ),
 }
 RECORDINGS = {
-    "nothing": Hostile(text(""), "no Rerun recording that can be read"),
-    "text": Hostile(text("no recording"), "no Rerun recording that can be read"),
-    "a head and nothing else": Hostile(text(b"RRF2" + bytes(40)), "no Rerun recording"),
+    "nothing": Hostile(text(""), "not a readable Rerun recording"),
+    "text": Hostile(text("no recording"), "not a readable Rerun recording"),
+    "a head and nothing else": Hostile(text(b"RRF2" + bytes(40)), "not a readable Rerun recording"),
     "a head and noise": Hostile(
-        text(b"RRF2" + random.Random(0).randbytes(10**5)), "no Rerun recording"
+        text(b"RRF2" + random.Random(0).randbytes(10**5)), "not a readable Rerun recording"
     ),
-    "a FMU": Hostile(lambda path, fmu: path.write_bytes(fmu.read_bytes()), "no Rerun recording"),
+    "a FMU": Hostile(
+        lambda path, fmu: path.write_bytes(fmu.read_bytes()), "not a readable Rerun recording"
+    ),
 }
 LINE = "{},0,0,0,1,1\n"
 TRACKS = {

@@ -6,7 +6,7 @@ import pytest
 @pytest.mark.parametrize(
     ("files", "message"),
     [
-        ({}, "no unpacked FMI 3.0 FMU with sources"),
+        ({}, "not an unpacked FMI 3.0 FMU with sources"),
         ({"sources/buildDescription.xml": "<a/>"}, "buildDescription.xml: Unsupported"),
         ({"sources/buildDescription.xml": "no XML"}, "buildDescription.xml: Start tag expected"),
     ],

@@ -397,7 +397,7 @@ def test_missing_kinds_are_refused():
 
 def test_moves_of_robots_that_are_seldom_asked_are_refused(command, tmp_path):
     seldom = msgspec.structs.replace(ideal_moves(), rl_step_s=7.0)
-    with pytest.raises(MovesError, match=r"every 7 s .*; .* at most 2 s"):
+    with pytest.raises(MovesError, match=r"RL step of 7 s .*; .* at most 2 s"):
         build_model(seldom, 5.0)
     ended = command("moves", "--rl-step", 7, "--out", tmp_path / "moves.json")
     assert ended.returncode == 2
@@ -406,7 +406,7 @@ def test_moves_of_robots_that_are_seldom_asked_are_refused(command, tmp_path):
 
 def test_rewards_per_time_have_no_effect_where_robots_are_asked_every_two_seconds():
     process = ProcessConfig(reward_per="time")
-    with pytest.raises(ScenarioError, match=r"reward_per = time .* asked every 2 s"):
+    with pytest.raises(ScenarioError, match=r"reward_per = time .* RL step of 2 s"):
         PolicyConfig(SMALL, process, LearningConfig(), Seed(0), ideal_moves())
     often = msgspec.structs.replace(ideal_moves(), rl_step_s=0.1)
     assert PolicyConfig(SMALL, process, LearningConfig(), Seed(0), often)

@@ -138,7 +138,7 @@ def test_what_is_no_episode_is_refused_in_one_sentence(tmp_path, run_folder):
     for content in (b"", b"RRF2 and then nothing of use"):
         broken = tmp_path / "broken.rrd"
         broken.write_bytes(content)
-        with pytest.raises(RecordingReadError, match="no Rerun recording that can be read"):
+        with pytest.raises(RecordingReadError, match="not a readable Rerun recording"):
             read_episode(broken)
     with pytest.raises(RecordingReadError, match="holds no episode"):
         read_episode(run_folder / "training.rrd")

@@ -59,7 +59,7 @@ def test_a_world_file_goes_with_any_scenario(write):
         ("mu = 0.2", "mu"),
         ("[world]\nrestitution = 2", "world.toml: world.restitution = 2 is not usable"),
         ("[world]\nmu = 'slippery'", "world.mu"),
-        ("[world]\nmu_patches = [{cells = [0, 0, 30, 9], mu = 0.1}]", "no rectangle"),
+        ("[world]\nmu_patches = [{cells = [0, 0, 30, 9], mu = 0.1}]", "not a rectangle"),
         ("[world]\nobstacles = [[1, 2, 3]]", "world.obstacles"),
         ("[world]\nobstacles = [[9, 5, 3, 8]]", "world.obstacles.*is neither a cell"),
         ("[world]\nobstacles = [[15, 18]]", "touches an obstacle"),

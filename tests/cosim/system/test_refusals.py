@@ -212,7 +212,9 @@ def test_components_are_named_once_and_there(refused, small, tmp_path):
     twice = [Component("a", small("ball")), Component("a", small("stair"))]
     assert refused(components=twice) == "two components are named a; rename one"
     missing = [Component("a", tmp_path / "none.fmu")]
-    assert "does not exist; check its path" in refused(components=missing, error=FmuError)
+    assert "does not exist or is a folder; check its path" in refused(
+        components=missing, error=FmuError
+    )
     with pytest.raises(GraphError, match="no component"):
         System([])
 
