@@ -32,6 +32,7 @@ class Stretch:
         self.time_s = timing.dt_s * np.concatenate([np.zeros(0), *ends])
         self._samples = [step.samples for step in sampled]
         self._lengths = np.array([len(end) for end in ends], dtype=np.int64)
+        self._firsts = self._lengths.cumsum() - self._lengths
         self._times: dict[int, list[rr.TimeColumn]] = {}
         self._last: dict[int, Any] = {}
 
@@ -54,18 +55,14 @@ class Stretch:
 
     def at(self, rows: np.ndarray) -> Any:
         """Return the samples of some rows, in order."""
-        firsts = self._lengths.cumsum() - self._lengths
-        parts = np.split(rows, np.searchsorted(rows, firsts[1:]))
-        return _Joined(
-            self._samples, [part - first for part, first in zip(parts, firsts, strict=True)]
-        )
+        parts = np.split(rows, np.searchsorted(rows, self._firsts[1:]))
+        own = [part - first for part, first in zip(parts, self._firsts, strict=True)]
+        return _Joined(self._samples, own)
 
     def bursts(self, periods: int) -> np.ndarray:
         """Return the rows of the first periods of each RL step."""
-        firsts = self._lengths.cumsum() - self._lengths
-        return np.concatenate(
-            [f + np.arange(min(periods, n)) for f, n in zip(firsts, self._lengths, strict=True)]
-        )
+        steps = zip(self._firsts, self._lengths, strict=True)
+        return np.concatenate([first + np.arange(min(periods, n)) for first, n in steps])
 
     def reduced(
         self, signal: Callable[[Samples], np.ndarray], every: int, how: Literal["mean", "max"]
