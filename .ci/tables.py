@@ -31,8 +31,7 @@ class Picture:
         values: columns that are drawn, with their colours' names in the legend.
         label: what names a row, with columns in braces.
         axis: name and unit of the values.
-        panel: a column with a panel for each of its values, or nothing.
-        keep: pattern of panel and label of the rows that are drawn.
+        keep: pattern of the label of the rows that are drawn.
         logarithmic: whether the axis is.
     """
 
@@ -41,16 +40,11 @@ class Picture:
     values: dict[str, str]
     label: str
     axis: str
-    panel: str = ""
     keep: str = ""
     logarithmic: bool = False
 
 
 PICTURES = {
-    "baselines": Picture(
-        "baselines", "scenario | learner", {"path × optimum": "on the grid",
-        "× least time": "time in the dynamics × least time"}, "{learner}",
-        "× optimum, 95 % intervals", "scenario", r"^\w+ "),
     "certificates": Picture(
         "certificates", "claim | 0", {str(k): f"{k} against it" for k in range(5)}, "{claim}",
         "episodes until a certificate at 0.999999", logarithmic=True),
@@ -79,9 +73,6 @@ PICTURES = {
         "methods", "scenario | `--through`", {"time": "pair", "`fastest`": "fastest"},
         "scenario {scenario}, --through {`--through`}, shield {shield}",
         "s until all robots have arrived"),
-    "leaderboard": Picture(
-        "leaderboard", "scenario | policy", {"time": "time"}, "{policy}",
-        "s until all robots have arrived, of 20 episodes", "scenario", "^[234] "),
 }  # fmt: skip
 
 
@@ -127,15 +118,14 @@ def read_rows(picture: Picture) -> list[dict[str, str]]:
         [cell.strip() for cell in line.split("|")[1:-1]] for line in found[0].splitlines()
     )
     labels = [name for _, name, _, _ in Formatter().parse(picture.label) if name]
-    panel = [picture.panel] if picture.panel else []
-    used = [*labels, *picture.values, *panel]
+    used = [*labels, *picture.values]
     if lacking := [name for name in used if not any(h.startswith(name) for h in header)]:
         raise ValueError(f"the table of docs/{picture.page}.md has no column {', '.join(lacking)}")
     places = {name: [h.startswith(name) for h in header].index(True) for name in used}
     return [
         {name: row[place] for name, place in places.items()}
         for row in lines
-        if re.search(picture.keep, " ".join(row[places[name]] for name in [*panel, *labels]))
+        if re.search(picture.keep, " ".join(row[places[name]] for name in labels))
     ]
 
 
@@ -150,33 +140,25 @@ def draw(name: str, file: Path) -> None:
     """Draw one picture of `PICTURES` into a file."""
     picture = PICTURES[name]
     rows = read_rows(picture)
-    panels = list(dict.fromkeys(row.get(picture.panel, "") for row in rows))
-    heights = [sum(row.get(picture.panel, "") == panel for row in rows) for panel in panels]
-    figure, grid = plt.subplots(
-        len(panels), 1, sharex=True, squeeze=False,
-        figsize=(6.4, 0.9 + 0.22 * sum(heights) + 0.25 * len(panels)), height_ratios=heights,
-    )  # fmt: skip
-    for axes, panel in zip(grid[:, 0], panels, strict=True):
-        chosen = [row for row in rows if row.get(picture.panel, "") == panel]
-        for number, (column, legend) in enumerate(picture.values.items()):
-            shift = 0.5 * ((number + 0.5) / len(picture.values) - 0.5)
-            points = [(place + shift, point(row[column])) for place, row in enumerate(chosen)]
-            known = [(place, p) for place, p in points if p is not None]
-            for place, p in known:
-                bar = [[p.value - p.low], [p.high - p.value]]
-                axes.errorbar(
-                    p.value, place, xerr=bar, color=f"C{number}", ms=4, capsize=2,
-                    fmt=MARKERS[number], mfc="white" if p.open else f"C{number}",
-                )  # fmt: skip
-            axes.plot([], [], MARKERS[number], color=f"C{number}", ms=4, label=legend)
-        names = [picture.label.format_map(row).replace("`", "") for row in chosen]
-        axes.set_yticks(range(len(chosen)), names)
-        axes.set_ylim(len(chosen) - 0.5, -0.5)
-        axes.set_title(f"{picture.panel} {panel}" if panel else "", loc="left")
-        if picture.logarithmic:
-            axes.set_xscale("log")
-    grid[-1, 0].set_xlabel(picture.axis)
-    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure, axes = plt.subplots(figsize=(6.4, 1.15 + 0.22 * len(rows)))
+    for number, (column, legend) in enumerate(picture.values.items()):
+        shift = 0.5 * ((number + 0.5) / len(picture.values) - 0.5)
+        points = [(place + shift, point(row[column])) for place, row in enumerate(rows)]
+        known = [(place, p) for place, p in points if p is not None]
+        for place, p in known:
+            bar = [[p.value - p.low], [p.high - p.value]]
+            axes.errorbar(
+                p.value, place, xerr=bar, color=f"C{number}", ms=4, capsize=2,
+                fmt=MARKERS[number], mfc="white" if p.open else f"C{number}",
+            )  # fmt: skip
+        axes.plot([], [], MARKERS[number], color=f"C{number}", ms=4, label=legend)
+    names = [picture.label.format_map(row).replace("`", "") for row in rows]
+    axes.set_yticks(range(len(rows)), names)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    if picture.logarithmic:
+        axes.set_xscale("log")
+    axes.set_xlabel(picture.axis)
+    handles, labels = axes.get_legend_handles_labels()
     if len(labels) > 1:
         figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
     figure.savefig(file, dpi=130, metadata={"Source": str(rows), "Software": None})

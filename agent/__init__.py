@@ -104,14 +104,8 @@ def train(
     return policy
 
 
-@showing
-def load(
-    path: str | Path,
-    scenario: str | Path | Scenario | None = None,
-    *,
-    progress: Progress | None = automatic,
-) -> "GreedyPolicy":
-    """Read a policy from its file, or return one of the zoo, such as zoo:4-pair.
+def load(path: str | Path, scenario: str | Path | Scenario | None = None) -> "GreedyPolicy":
+    """Read a policy from its file.
 
     >>> import minirobots as mr
     >>> mr.train("1a", method="shortest", progress=None).save("policy.npz")
@@ -119,19 +113,16 @@ def load(
     '1a'
 
     Args:
-        path: of the .npz file that a policy's `save` or a run has written, or "zoo:" and a name
-            that `minirobots policies` lists.
+        path: of the .npz file that a policy's `save` or a run has written.
         scenario: name, file or record; if given, only a policy trained on it is accepted.
-        progress: receives what is trained of the zoo; see `train`.
 
     Raises:
         PolicyError: there is no such file, it is no policy, or one of another scenario.
-        UserError: the zoo has no policy of that name.
     """
     from agent.policies import load_policy  # noqa: PLC0415 - numba is slow to import
 
     only = None if scenario is None else find_scenario(scenario)
-    return load_policy(taken("path", path, Path), only, progress or silent)
+    return load_policy(taken("path", path, Path), only)
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Policies by their files, of all methods, and by their names in the zoo."""
+"""Policies of all methods by their files."""
 
 import json
 from pathlib import Path
@@ -10,28 +10,23 @@ from agent.training.group_policy import GroupPolicy
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import FILE, Policy, PolicyConfig
 from agent.training.settings import refuse_former
-from agent.zoo import PREFIX, zoo_policy
-from cosim.base.progress import Progress, silent
 from cosim.base.reading import parsing, read_arrays
 from cosim.model.scenario import Scenario
 
 
 def load_policy(
-    path: Path | str, scenario: Scenario | None = None, progress: Progress = silent
+    path: Path | str, scenario: Scenario | None = None
 ) -> Policy | PairPolicy | GroupPolicy | NetworkPolicy:
-    """Return the policy of a file or of the zoo; with `scenario`, only if it has that geometry.
+    """Return the policy of a file; with `scenario`, only if it has that geometry.
 
     Args:
-        path: file, or name of a policy of the zoo, such as zoo:4-pair.
+        path: of the file.
         scenario: in which it must have been trained.
-        progress: receives what is trained of the zoo.
 
     Raises:
         PolicyError: no such file, not a policy, another schema, or another scenario.
-        ConfigError: no policy of the zoo has this name.
     """
-    in_zoo, name = str(path).startswith(PREFIX), f"{path}: the policy"
-    policy = zoo_policy(str(path), progress) if in_zoo else _of_file(Path(path))
+    name, policy = f"{path}: the policy", _of_file(Path(path))
     if scenario is not None and isinstance(policy, NetworkPolicy):
         return policy.in_scenario(scenario, name)
     if scenario is not None:

@@ -14,7 +14,6 @@ from agent.mdp.readings import Process, build_process
 from agent.method import method_policy
 from agent.policies import load_policy
 from agent.training.settings import METHODS, refuse_former
-from agent.zoo import PREFIX
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError, shown
 from cosim.base.progress import Progress, silent
@@ -77,8 +76,8 @@ def policy_of(
     """Return the policy, such as a `GreedyPolicy`, that a user names.
 
     Args:
-        given: policy, file, name of a method or of the zoo (zoo:4-pair), "module:Name" of an
-            object or class, or an object with `act` or `drive`.
+        given: policy, file, name of a method, "module:Name" of an object or class, or an object
+            with `act` or `drive`.
         scenario: in which it acts; a file has its own.
         seed: of training.
         progress: receives what is trained.
@@ -93,9 +92,9 @@ def policy_of(
         if scenario is not None:
             given.require_scenario(scenario)
         return given
-    file = name is not None and (":" not in name or Path(name).exists() or name.startswith(PREFIX))
+    file = name is not None and (":" not in name or Path(name).exists())
     if name is not None and name not in METHODS and file:
-        return load_policy(name, scenario, progress)
+        return load_policy(name, scenario)
     if scenario is None:
         raise ConfigError(
             f"policy = {shown(given)} needs a scenario; name one (scenario, --scenario)"

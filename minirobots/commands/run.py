@@ -66,8 +66,7 @@ class Run(NewFolder, Simulating):
     again: Annotated[bool, tyro.conf.arg(aliases=["--retrain"])] = False
     """Train even if the cache has a policy of this configuration."""
     policy: File | None = None
-    """Trained policy to use instead of training: a file (policy.npz), or one of the zoo, such as
-    zoo:4-pair (`minirobots policies` lists them)."""
+    """Trained policy to use instead of training: a file (policy.npz)."""
     record: Literal["none", "summary", "default", "full"] = "default"
     """Amount to record: nothing (only summary.json and the policy are written); decisions and
     poses; every signal, motors at 1 kHz, under 20 MB per minute of two robots; or every signal at 1

@@ -195,10 +195,6 @@ def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
             ("-m", "cosim.robustness", "--quick", "--scenario", "1a", "--methods", "paper",
              "--axes", "nothing", "tilt", "--jobs", "2", "--out", "OUT")
         ),
-        "baselines": Case(
-            ("-m", "agent.baselines", "--quick", "--scenarios", "1b", "--learners", "shortest",
-             "--jobs", "2", "--out", "OUT")
-        ),
         "validation": Case(("-m", "cosim.validation", "--quick", "--jobs", "2", "--out", "OUT")),
         "study": Case(("-m", "minirobots", "study", str(study), "--jobs", "2", "--out", "OUT")),
         "transfer": Case(

@@ -28,8 +28,8 @@ from tests.faults.killing import (
 
 MOMENTS = 12
 ONE_BY_ONE = (
-    "training", "sweep", "evaluation", "certification", "transfer", "robustness", "baselines",
-    "validation", "study", "report", "FMU",
+    "training", "sweep", "evaluation", "certification", "transfer", "robustness", "validation",
+    "study", "report", "FMU",
 )  # fmt: skip
 # Whose results a command reads.
 NEEDED = {"evaluation": "training", "certification": "training", "report": "reproduction"}
@@ -44,7 +44,6 @@ WRITERS = {
     "evaluate": ("--policy", "shortest", "--scenario", "1a", "--starts", "6", "--recordings", "0"),
     "transfer": ("--quick", "--scenarios", "1a", "--methods", "paper"),
     "robustness": ("--quick", "--scenario", "1a", "--methods", "paper", "--axes", "nothing"),
-    "baselines": ("--quick", "--scenarios", "1b", "--learners", "shortest"),
 }
 GROWING = {"certificate.json", "checkpoint.npz", "summary.json", "timings.json"}
 ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143}

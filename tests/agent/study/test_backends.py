@@ -7,12 +7,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from agent.baselines.comparison import baselines
 from agent.certification.certify import certify_case
 from agent.certification.claims import parse_claim
 from agent.certification.collisions import estimate_collisions
 from agent.mdp.config import ProcessConfig
-from agent.moves import observe
 from agent.study.episodes import case_of
 from agent.study.evaluate import evaluate
 from agent.study.robustness import robustness
@@ -43,15 +41,6 @@ class Place:
         out.parent.mkdir()
         self.board = out.parent / "near.toml"
         self.board.write_text(BOARD)
-
-
-def of_baselines(place: Place, patch: pytest.MonkeyPatch) -> Any:
-    patch.setattr(observe, "MOVES_PER_KIND", 1)
-    patch.setattr(observe, "WALKS", 1)
-    patch.setattr(observe, "cache_dir", lambda kind: place.out.parent / kind)
-    board = str(place.board)
-    few = {"seed": 0, "seeds": 1, "episodes": 2, "quick": True}
-    return baselines(place.out, scenarios=[board], learners=["shortest"], where=place.where, **few)
 
 
 def of_certify(place: Place, _: pytest.MonkeyPatch) -> Any:
@@ -105,7 +94,6 @@ def of_validate(place: Place, patch: pytest.MonkeyPatch) -> Any:
 
 
 OF: dict[str, Callable[[Place, pytest.MonkeyPatch], Any]] = {
-    "baselines": of_baselines,
     "certify": of_certify,
     "evaluate": of_evaluate,
     "robustness": of_robustness,
