@@ -63,20 +63,6 @@ class Evaluation(NamedTuple):
         return _mean(self.steps[self.outcome == SUCCESS])
 
 
-class Milestone(NamedTuple):
-    """Measures of greedy robots on the grid after a number of training episodes.
-
-    Attributes:
-        agent_steps: moves of all robots so far.
-        seconds: since training began.
-        success: share of all starts.
-    """
-
-    agent_steps: int
-    seconds: float
-    success: float
-
-
 def _mean(values: np.ndarray) -> float:
     return float(values.mean()) if values.size else float("nan")
 

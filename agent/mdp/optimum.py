@@ -96,16 +96,6 @@ def _alone(after: np.ndarray, costs: np.ndarray) -> np.ndarray:
     return value
 
 
-def distances_alone(process: Process) -> np.ndarray:
-    """(N, columns · rows) float64, each robot's least path to its target in cells, as if alone."""
-    return _optimum(process, _PATH_COSTS, relaxed=True)
-
-
-def steps_alone(process: Process) -> np.ndarray:
-    """(N, columns · rows) float64, each robot's fewest moves to its target as if alone, or inf."""
-    return _optimum(process, _STEP_COSTS, relaxed=True)
-
-
 def optimum(process: Process) -> Bound:
     """Exact optimum of a process without slip, computed or found in the cache."""
     robots, columns, rows = process.terrain.shape
