@@ -26,8 +26,8 @@ from agent.envs.boards import (
     placed_world,
     whole_cells,
 )
-from agent.mdp.acting import on_grid
 from agent.mdp.config import ProcessConfig, refuse_without_effect
+from agent.mdp.greedy import on_grid
 from agent.mdp.grid import X, Y
 from agent.mdp.readings import Process, build_process
 from agent.mdp.rewards import failed, step_reward

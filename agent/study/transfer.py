@@ -3,7 +3,8 @@
 The command line is `cosim.transfer`.
 """
 
-from collections.abc import Collection
+import operator
+from collections.abc import Collection, Iterable
 from itertools import product
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import msgspec
 from rich.console import Console
 from rich.markdown import Markdown
 
+from agent.evaluation.statistics import Interval, interval_text
 from agent.study.episodes import (
     MEASURES,
     METHOD,
@@ -22,9 +24,9 @@ from agent.study.episodes import (
     EpisodesRow,
     StudyLine,
     case_of,
+    interval_of,
     simulate,
 )
-from agent.study.goals import Goal, goals
 from agent.study.policies import trained
 from agent.study.store import EpisodeStore
 from agent.training.settings import BEST, COMPARED, METHODS
@@ -41,6 +43,7 @@ from cosim.simulation.options import SimulationOptions
 MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
 # Episodes of a pair in rows of the best method at the default friction, and of all other rows.
 _MANY, _SOME, QUICK_EPISODES = 200, 50, 2
+_SUCCESS, _PATH_RATIO = 0.99, 1.25  # goals of the best method
 COLUMNS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
 
 
@@ -48,6 +51,31 @@ class TransferRow(EpisodesRow, frozen=True, kw_only=True):
     """A row of transfer.json: of a method."""
 
     method: str
+
+
+class Goal(msgspec.Struct, frozen=True, kw_only=True):
+    """The worst value over the rows that a goal is about, where, and whether it holds there."""
+
+    goal: str
+    limit: float
+    worst: float
+    low: float | None
+    high: float | None
+    scenario: str
+    mu: float
+    holds: bool
+
+    def finding(self) -> str:
+        """Return it as text."""
+        form = (3, 1.0, "") if self.goal.startswith("path") else (1, 100.0, "%")
+        digits, factor, unit = form
+        limit = f"{factor * self.limit:.{digits}f}{unit}"
+        worst = interval_text(Interval(self.worst, self.low, self.high), *form)
+        verdict = "holds" if self.holds else "does not hold"
+        return (
+            f"- Goal, {self.goal} ({limit}): {verdict}; the worst row has {worst} "
+            f"(scenario {self.scenario}, µ = {self.mu:g})."
+        )
 
 
 class TransferReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -119,3 +147,37 @@ def _findings(report: TransferReport) -> list[str]:
         f"- {report.simulated} episodes, which took {report.episode_wall_s / 60.0:.0f} min of the "
         "threads.",
     ]
+
+
+def goals(best: Iterable[TransferRow]) -> list[Goal]:
+    """Return whether each goal holds in the worst of the rows that it is about.
+
+    Args:
+        best: rows of the best method.
+    """
+    measured = (
+        ("success without the shield", "success", False, min, _SUCCESS),
+        ("collisions with the shield", "collision", True, max, 0.0),
+        ("path length over the grid's", "path_ratio_to_grid", False, max, _PATH_RATIO),
+    )
+    rows, found = [row for row in best if row.episodes > 0], []
+    for goal, measure, shield, worst, limit in measured:
+        known = [e for e in rows if e.shield == shield and getattr(e, measure) is not None]
+        if not known:
+            continue
+        row = worst(known, key=operator.attrgetter(measure))
+        value = getattr(row, measure)
+        _, low, high = interval_of(row, measure)
+        found.append(
+            Goal(
+                goal=goal,
+                limit=limit,
+                worst=value,
+                low=low,
+                high=high,
+                scenario=row.scenario,
+                mu=row.mu,
+                holds=value >= limit if worst is min else value <= limit,
+            )
+        )
+    return found

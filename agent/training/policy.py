@@ -13,10 +13,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from agent.mdp.acting import on_grid
 from agent.mdp.config import Computed, ProcessConfig, refuse_without_effect
 from agent.mdp.exact import Evaluation, cell_map, evaluate
-from agent.mdp.greedy import GreedyPolicy, PolicyError
+from agent.mdp.greedy import GreedyPolicy, PolicyError, on_grid
 from agent.moves.model import ObservedMoves
 from agent.training.learning import TrainingState
 from agent.training.settings import LearningConfig

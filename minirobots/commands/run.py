@@ -221,7 +221,7 @@ def _policy(
     from agent.policies import load_policy
 
     if options.policy is not None:
-        return load_policy(options.policy, scenario, progress), None
+        return load_policy(options.policy, scenario), None
     method = options.method or best_method(scenario)
     if method in COMPUTED and (options.train_episodes or options.train_seed is not None):
         raise ConfigError(

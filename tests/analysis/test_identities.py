@@ -70,8 +70,8 @@ MATTER = {
         cosim.physics.contact cosim.physics.forces cosim.physics.rotation
     """,
     "evaluation": """
-        agent.evaluation.cases agent.mdp.acting agent.mdp.config agent.mdp.exact
-        agent.mdp.grid
+        agent.evaluation.cases agent.mdp.config agent.mdp.exact
+        agent.mdp.greedy agent.mdp.grid
         agent.mdp.readings agent.mdp.rng agent.training.policy cosim.model.config
         cosim.model.params cosim.model.scenario cosim.coupling.fmu cosim.coupling.master
         cosim.coupling.plant cosim.coupling.signals cosim.onboard.steering

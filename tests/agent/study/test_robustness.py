@@ -14,18 +14,9 @@ from cosim.base.table import markdown
 from cosim.model.scenario_file import find_scenario, in_world, read_world
 from cosim.model.world import IDEAL, World
 from minirobots.commands.robustness import Robustness
+from tests.agent.study.test_transfer import BOARD
 
 ROUGH = Path(__file__).parents[3] / "docs" / "examples" / "rough.toml"
-BOARD = """
-columns = 14
-rows = 14
-[[robots]]
-target = [3, 6]
-starts = [[3, 7], [3, 8]]
-[[robots]]
-target = [10, 6]
-starts = [[10, 5], [10, 4]]
-"""
 
 
 def measure(out: Path, board: Path, **options) -> RobustnessReport:

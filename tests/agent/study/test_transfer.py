@@ -7,9 +7,8 @@ import pytest
 
 from agent.evaluation.cases import Case
 from agent.mdp.config import ProcessConfig
-from agent.study.goals import goals
 from agent.study.store import ResultFile
-from agent.study.transfer import TransferReport, markdown, transfer
+from agent.study.transfer import TransferReport, goals, markdown, transfer
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
