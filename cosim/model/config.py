@@ -55,8 +55,8 @@ class CoSimConfig:
         estimator: of the filter that robots see the camera through.
         order: of the coupling within a communication step; see `cosim.coupling.master`.
         reaction: whether the motors feel the acceleration of the body (the paper neglects it).
-        portable: whether the angles that robots steer by have the same bits on every machine and in
-            pages (`cosim.physics.trig`), or are those of the C library.
+        portable: whether the angles that robots steer by have the same bits on every machine
+            (`cosim.physics.trig`), or are those of the C library.
         on_collision: whether a robot that touches another one or an obstacle, or enters another
             one's target cell, ends the episode or pushes on.
         world: floor, motors, load and camera; `mu`, speed noise and obstacles are said elsewhere,

@@ -188,9 +188,9 @@ class SimulationOptions(Physics, DecisionOptions):
     """What goes without feedback: motors, which then get a constant voltage for every set point
     instead of the loop of Eq. (14), and heading, the course that robots keep while they drive."""
     portable: bool = False
-    """Compute the angles that robots steer by without the C library: an episode then has the bits
-    of a page that `minirobots web` writes, and the same ones on every machine (docs/performance.md
-    says when). By default it has those of published results, which another C library changes."""
+    """Compute the angles that robots steer by without the C library: an episode then has the
+    same bits on every machine (docs/performance.md says when). By default it has those of published
+    results, which another C library changes."""
     time_limit: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Simulated time in s after which an episode ends as a time-out; by default 600, and longer in
     proportion where robots are slower than by default."""

@@ -1,21 +1,15 @@
-"""C of pages and of the firmware as shared libraries of this machine."""
+"""C of the firmware as shared libraries of this machine."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from agent.firmware.build import FLAGS
-from agent.web.build import compile_episode
 from fmus.compiler import TARGETS, compiler_command, host_target, run_compiler
 
 
 def _flags() -> list[str]:
     zig = "ziglang" in compiler_command()
     return [*(("-target", TARGETS[host_target()].triple) if zig else ()), "-shared", "-fPIC"]
-
-
-def compile_page(out: Path) -> None:
-    """Write a page's episode."""
-    compile_episode((*_flags(), "-lm"), out)
 
 
 def compile_firmware(folder: Path, out: Path, sources: Sequence[Path], robot: int = 1) -> None:
