@@ -1,7 +1,5 @@
 """Hook of mkdocs.yml: pages from files outside docs/, and one reference page per package.
 
-The first page shows robots that drive in it (docs/web.md).
-
 A link is written as it works in the repository. On the site it leads to the page made of the file,
 and a link to a file that is no page becomes the words alone.
 """
@@ -14,11 +12,6 @@ from griffe import Extension, Object
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-
-import agent
-from agent.web.build import cached_wasm
-from agent.web.page import render_page
-from cosim.simulation.options import SimulationOptions, resolve
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("minirobots", "cosim", "agent", "analysis", "fmus")
@@ -33,11 +26,6 @@ PAGES = {
     "fmus/mini_robot/README.md": "robot.md",
 }
 SOURCES = {page: source for source, page in PAGES.items()}
-PLAYED = "4"  # scenario on the first page
-EMBEDDED = (
-    f'<iframe src="play.html" title="Robots of scenario {PLAYED} that drive in this page" '
-    'loading="lazy" style="width: 100%; height: 56rem; border: 0"></iframe>'
-)
 # An entry of a docstring's section that describes several names at once, "x, y: position".
 SHARED = re.compile(r"^( {4,8})(\w+(?:, \w+)+):(.*(?:\n\1 +\S.*)*)", re.MULTILINE)
 LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:|#)([^)#\s]+)(#[^)\s]*)?\)")
@@ -70,9 +58,6 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
         first = f"::: {package}\n    options: {{heading_level: 1}}"
         content = "\n\n".join([first, *(f"::: {module}" for module in modules)])
         files.append(File.generated(config, f"reference/{package}.md", content=content))
-    scenario, physics, _ = resolve(SimulationOptions(), PLAYED)
-    play = render_page(agent.train(scenario), scenario, physics, cached_wasm())
-    files.append(File.generated(config, "play.html", content=play))
 
 
 def on_page_markdown(markdown: str, page: Page, files: Files, **_: object) -> str:
@@ -90,8 +75,7 @@ def on_page_markdown(markdown: str, page: Page, files: Files, **_: object) -> st
             return f"`{text.strip('`')}`"
         return f"{image}[{text}]({os.path.relpath(uri, PurePosixPath(here).parent)}{anchor})"
 
-    written = LINK.sub(linked, markdown)
-    return f"{written}\n\n{EMBEDDED}" if here == "index.md" else written
+    return LINK.sub(linked, markdown)
 
 
 class SharedEntries(Extension):

@@ -1,6 +1,4 @@
-"""Build hook of the wheel: it carries the FMUs for all platforms and the WebAssembly of pages.
-
-Its users compile none of them.
+"""Build hook of the wheel: it carries the FMUs for all platforms, so that its users compile none.
 
 hatchling calls it, with `dependencies` of pyproject.toml at hand. MINIROBOTS_WHEEL_TARGETS names
 fewer platforms (separated by spaces) for whoever needs a wheel sooner.
@@ -24,9 +22,7 @@ class BuiltFmus(interface.BuildHookInterface):
         if version == "editable":
             return
         sys.path.insert(0, self.root)
-        from agent.web.build import CARRIED as PAGE  # noqa: PLC0415 - of the source that is built
-        from agent.web.build import compile_wasm  # noqa: PLC0415
-        from fmus.build import CARRIED, build_fmus  # noqa: PLC0415
+        from fmus.build import CARRIED, build_fmus  # noqa: PLC0415 - of the source that is built
         from fmus.compiler import TARGETS  # noqa: PLC0415
         from fmus.models import MODELS  # noqa: PLC0415
 
@@ -48,8 +44,6 @@ class BuiltFmus(interface.BuildHookInterface):
             self.app.display(f"compiling {model} for {', '.join(targets)}")
             (path,) = build_fmus({"3": work / f"{model}.fmu"}, targets, model=model)
             build_data["force_include"][str(path)] = str(CARRIED / path.name)
-        (work / PAGE.name).write_bytes(compile_wasm())
-        build_data["force_include"][str(work / PAGE.name)] = str(PAGE)
 
     def finalize(self, version: str, _build_data: dict[str, Any], _artifact: str) -> None:
         """Remove what is in the wheel now."""

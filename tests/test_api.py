@@ -206,7 +206,6 @@ def test_progress_is_told_every_task_to_its_end(policy):
         ({"friction": 0.2}, ConfigError, "no option friction; choose from .*mu.*time_limit"),
         ({"driver": "fast"}, ConfigError, "driver = 'fast' is unknown; choose one of fmpy, "),
         ({"record": "none"}, ConfigError, "record = 'none' is unknown; choose one of summary, "),
-        ({"order": "random"}, ConfigError, "order = 'random' is unknown; choose one of gauss-"),
         ({"on_collision": "stop"}, ConfigError, "on_collision = 'stop' is unknown; choose one of"),
         ({"scenario": "7"}, ScenarioError, "unknown scenario '7'"),
         ({"scenario": "2"}, PolicyError, "the policy was trained on scenario 1a .* scenario 2 "),

@@ -98,7 +98,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "through": THROUGH,
     "through with shield": THROUGH | {"shield": SHIELD},
     "open loops": {"open_loop": ("motors", "heading")},
-    "reaction, jacobi": {"reaction": True, "order": "jacobi"},
+    "reaction": {"reaction": True},
 }
 
 

@@ -9,9 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from agent.web.build import cached_wasm
-from agent.web.packing import load_page_policy
-from agent.web.page import write_page
 from analysis.figures.style import FORMATS, Caption, FigureError, read_caption
 from analysis.reading.results import DRIVEN_BY, FIGURES, RESULTS, Result, episodes_of, missing
 from analysis.reading.written import read_run
@@ -19,7 +16,6 @@ from analysis.timings import TimingsFile
 from cosim.base.errors import UserError
 from cosim.base.storage import replacing
 from cosim.model.built_in import PAPER
-from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.result import EpisodeResult
 
 
@@ -131,18 +127,6 @@ def trainings(results: Path, out: Path) -> Iterator[tuple[str, str]]:
         if recording.is_file():
             file = f"recordings/{name}-training.rrd"
             place(recording, out / file)
-            yield name, file
-
-
-def players(results: Path, out: Path) -> Iterator[tuple[str, str]]:
-    """Pages in which the policies that drove the episodes play: the run, and the file."""
-    for name, result in _runs():
-        policy = result.location(results) / "policy.npz"
-        if policy.is_file():
-            scenario, config, _ = resolve(SimulationOptions(), result.of)
-            file = f"play/{name}.html"
-            playing = load_page_policy(policy, scenario)
-            write_page(out / file, playing, scenario, config, cached_wasm())
             yield name, file
 
 

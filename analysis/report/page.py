@@ -16,7 +16,6 @@ from analysis.report.content import (
     not_drawn,
     pictures,
     place,
-    players,
     trainings,
 )
 from analysis.report.server import PAGE
@@ -47,7 +46,6 @@ def write_report(
         ReportError: there is no results folder, or no such episode.
         ResultError, TimingsError: a result is damaged.
         WebViewerError: the viewer's files are not available.
-        BuildError: the pages that play cannot be compiled.
     """
     if not results.is_dir():
         raise ReportError(
@@ -62,7 +60,6 @@ def write_report(
         "tables": [*learning_tables(results), *transfer_tables(results)],
         "episodes": found,
         "trainings": list(trainings(results, out)),
-        "players": list(players(results, out)),
         "chosen": chosen(found, episode),
         "profile": timings and timings.profile,
         "timing": timings and timing_table(timings),

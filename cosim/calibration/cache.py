@@ -23,7 +23,6 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
     timing = config.timing
     clock = (timing.dt_s, timing.communication_step_s, timing.control_period_s)
     code = code_digest(measure)
-    coupling = (config.order, config.reaction)
     further = [given for given in config.motor_parameters if given[0] not in config.motor._fields]
     return digest_of(
         config.robot,
@@ -31,7 +30,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
         config.noise,
         clock,
         config.steering.dither_rad_s,
-        coupling,
+        config.reaction,
         (config.world.restitution or 0.0, config.world.payload_g, config.world.payload_offset_mm),
         identity_of_fmu(motor_fmu),
         code,

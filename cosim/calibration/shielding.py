@@ -34,7 +34,6 @@ def _reduced(config: CoSimConfig, *fields: str) -> CoSimConfig:
         noise=config.noise,
         timing=TIMING._replace(**{name: getattr(config.timing, name) for name in clock}),
         steering=config.steering,
-        order=config.order,
         reaction=config.reaction,
         open_loop=config.open_loop,
         world=World(**{name: getattr(config.world, name) for name in fields}),

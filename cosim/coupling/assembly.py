@@ -3,7 +3,6 @@
 What episodes on a board and trials of single robots have in common; nothing here advances time.
 """
 
-import contextlib
 import copy
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -48,13 +47,11 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
         end_on_collision=end_on_collision,
         ticks_per_period=config.ticks_per_period,
         ticks_per_step=config.ticks_per_step,
-        jacobi=config.order == "jacobi",
         reaction=config.reaction,
         portable=config.portable,
         open_loop="motors" in config.open_loop,
         volts_per_speed=volts_per_speed,
         friction_volts=friction_volts,
-        exchange_tolerance=config.timing.exchange_tolerance_rad,
     )
 
 
@@ -79,25 +76,20 @@ def robot_properties(
     )
 
 
-def check_motors(
-    fmu: MotorFmu, config: CoSimConfig, robots: int, *, adaptive: bool = False
-) -> None:
+def check_motors(fmu: MotorFmu, config: CoSimConfig, robots: int) -> None:
     """Refuse an FMU without a capability that a run needs.
 
     Args:
         fmu: of every motor.
         config: all parameters.
         robots: their number.
-        adaptive: whether communication steps vary, from dt upwards, and are rolled back.
 
     Raises:
         FmuError: it lacks a capability.
         ConfigError: its internal step does not divide the communication step.
     """
-    timing = config.timing
-    least_step_s = timing.dt_s if adaptive else timing.communication_step_s
     motors = robots * len(MOTOR_NAMES)
-    check_use(fmu.path, fmu.interface, motors, least_step_s, adaptive=adaptive)
+    check_use(fmu.path, fmu.interface, motors, config.timing.communication_step_s)
 
 
 def why_not_fmpy(fmu: MotorFmu, config: CoSimConfig) -> str | None:
@@ -300,16 +292,6 @@ class Motors:
             motor = self._instances[place] or self._put(place, name, {}, count)
             motor.set_state(state)
         self.calls.ticks[:], self._runs[:], self._own = ticks, runs, copy.deepcopy(own)
-
-    @contextlib.contextmanager
-    def rolled_back(self) -> Iterator[None]:
-        """Restore the state of every instance on leaving; steps in between are marked."""
-        ticks = self.calls.ticks.copy()
-        with contextlib.ExitStack() as stack:
-            for _, motor in self._running():
-                stack.enter_context(motor.rolled_back())
-            yield
-        self.calls.ticks[:] = ticks
 
     def error(self, place: int, what: str, dt_s: float, status: int = FMI_ERROR) -> FmuError:
         """The error with the failed instance, the time, and the last message of the FMU."""

@@ -235,7 +235,6 @@ class Motor:
         self.name = name
         self._motors = motors
         self.log = Log()
-        self._returns = False  # whether the state before a step will be restored
         values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
         self.slave: Any = None
         try:
@@ -284,9 +283,7 @@ class Motor:
     def step(self, tick: int, count: int, dt_s: float) -> None:
         """Step from `tick` over `count` ticks; raises FmuError naming the time."""
         with self._named_errors(tick * dt_s, "failed"):
-            _, terminate, early_return, _ = self.slave.doStep(
-                tick * dt_s, count * dt_s, noSetFMUStatePriorToCurrentPoint=not self._returns
-            )
+            _, terminate, early_return, _ = self.slave.doStep(tick * dt_s, count * dt_s)
         if terminate or early_return:
             raise self.error(tick * dt_s, "asked to stop")
 
@@ -333,17 +330,6 @@ class Motor:
                 slave.setFMUState(state)
             finally:
                 slave.freeFMUState(state)
-
-    @contextlib.contextmanager
-    def rolled_back(self) -> Iterator[None]:
-        """Restore the state of the instance on leaving; steps in between are marked."""
-        saved, self._returns = self.slave.getFMUState(), True
-        try:
-            yield
-        finally:
-            self._returns = False
-            self.slave.setFMUState(saved)
-            self.slave.freeFMUState(saved)
 
     @contextlib.contextmanager
     def _named_errors(self, time_s: float, what: str) -> Iterator[None]:

@@ -115,17 +115,14 @@ def check_variable(
         raise FmuError(f"{said} in {declared}; export it in {unit.name}")
 
 
-def check_use(
-    path: Path, interface: CoSimulation, motors: int, least_step_s: float, *, adaptive: bool
-) -> None:
+def check_use(path: Path, interface: CoSimulation, motors: int, step_s: float) -> None:
     """Refuse an FMU that lacks a capability that a run needs.
 
     Args:
         path: of the FMU.
         interface: its capabilities.
         motors: instances at the same time.
-        least_step_s: communication step, or the one that all others are multiples of.
-        adaptive: whether communication steps vary and are rolled back.
+        step_s: communication step.
 
     Raises:
         FmuError: it lacks one.
@@ -136,9 +133,7 @@ def check_use(
             f"motor FMU {path} has canBeInstantiatedOnlyOncePerProcess, and {motors} motors are "
             "needed at once; export it without"
         )
-    needs = "which --driver adaptive needs; use --driver compiled" if adaptive else None
-    name = "dt_s" if adaptive else "communication_step_s"
-    check_steps(interface, f"motor FMU {path}", (name, least_step_s), needs)
+    check_steps(interface, f"motor FMU {path}", ("communication_step_s", step_s), None)
 
 
 @cache

@@ -1,8 +1,8 @@
 """The co-simulation master: couples motor FMUs to the rigid bodies, tick by tick.
 
 A communication step is one or more ticks of dt. Every motor steps over it with the inputs of its
-start, then every body does, tick by tick, with the motors' outputs of its end (Gauss–Seidel) or
-of its start (Jacobi). Inputs change once per control period, with the reaction of the body after
+start, then every body does, tick by tick, with the motors' outputs of its end, interpolated from
+its start. Inputs change once per control period, with the reaction of the body after
 every step. Time is an integer tick count.
 
 Three drivers give the same bits. `CompiledDriver` calls the FMU's C functions from machine code and

@@ -70,14 +70,10 @@ class Plant(NamedTuple):
             COLLISION that ends the run.
         ticks_per_period: ticks of dt per control period.
         ticks_per_step: ticks of dt per communication step with the FMUs.
-        jacobi: bodies see the motors' outputs of the start of a step (extrapolated), not of its
-            end (interpolated).
         reaction: whether the motors feel the acceleration of the body.
         portable: whether angles have the same bits on every machine, see `cosim.physics.trig`.
         open_loop: whether the motors' input is a voltage instead of a set point.
         volts_per_speed, friction_volts: that voltage, see `cosim.model.params.open_loop_voltage`.
-        exchange_tolerance: bound on the error of interpolated motor angles in rad, for drivers
-            that choose the communication step.
     """
 
     robots: int
@@ -92,13 +88,11 @@ class Plant(NamedTuple):
     end_on_collision: bool
     ticks_per_period: int
     ticks_per_step: int
-    jacobi: bool
     reaction: bool
     portable: bool
     open_loop: bool
     volts_per_speed: float
     friction_volts: float
-    exchange_tolerance: float
 
 
 @inlined
@@ -107,7 +101,7 @@ def begin_step(plant: Plant, state: State) -> None:
     # Element by element, here and below: numba takes longer to compile one slice assignment than
     # all of this module.
     rows, columns = state.held.shape
-    if plant.jacobi or plant.ticks_per_step > 1:
+    if plant.ticks_per_step > 1:
         for row in range(rows):
             for column in range(columns):
                 state.held[row, column] = state.outputs[row, column]
@@ -131,11 +125,6 @@ def exchanged(
         tick: of the communication step, from 0.
         width: how many robots.
     """
-    if plant.jacobi:
-        theta_0, omega_0, omega_dot_0 = _signals(state.held, motor, column, width)
-        tau = (tick + 1) * plant.body.dt
-        omega = omega_0 + omega_dot_0 * tau
-        return theta_0 + 0.5 * (omega_0 + omega) * tau, omega, omega_dot_0
     theta, omega, omega_dot = _signals(state.outputs, motor, column, width)
     if plant.ticks_per_step == 1:
         return theta, omega, omega_dot

@@ -28,7 +28,6 @@ from cosim.model.params import (
 )
 from cosim.model.world import IDEAL, World
 
-Order = Literal["gauss-seidel", "jacobi"]
 OnCollision = Literal["end", "continue"]
 Loop = Literal["motors", "heading"]
 
@@ -53,10 +52,9 @@ class CoSimConfig:
         timing: clock, decisions and limits.
         steering: speeds and gains.
         estimator: of the filter that robots see the camera through.
-        order: of the coupling within a communication step; see `cosim.coupling.master`.
         reaction: whether the motors feel the acceleration of the body (the paper neglects it).
-        portable: whether the angles that robots steer by have the same bits on every machine and in
-            pages (`cosim.physics.trig`), or are those of the C library.
+        portable: whether the angles that robots steer by have the same bits on every machine
+            (`cosim.physics.trig`), or are those of the C library.
         on_collision: whether a robot that touches another one or an obstacle, or enters another
             one's target cell, ends the episode or pushes on.
         world: floor, motors, load and camera; `mu`, speed noise and obstacles are said elsewhere,
@@ -87,7 +85,6 @@ class CoSimConfig:
     timing: TimingParams = TIMING
     steering: SteeringParams = STEERING
     estimator: EstimatorParams = ESTIMATOR
-    order: Order = "gauss-seidel"
     reaction: bool = False
     portable: bool = False
     on_collision: OnCollision = "end"
@@ -101,7 +98,6 @@ class CoSimConfig:
     motor_fmu: str = ""
 
     def __post_init__(self) -> None:
-        require_one_of("order", self.order, get_args(Order))
         require_one_of("on_collision", self.on_collision, get_args(OnCollision))
         for loop in self.open_loop:
             require_one_of("open_loop", loop, get_args(Loop))
@@ -268,7 +264,6 @@ class CoSimConfig:
     def table(self) -> dict[str, dict[str, Any]]:
         """Value, unit, source and description of every parameter, by its name."""
         options = {
-            "order": (self.order, "coupling within a communication step"),
             "reaction": (self.reaction, "whether motors feel the body's acceleration"),
             "portable": (self.portable, "whether no angle is computed by the C library"),
             "on_collision": (self.on_collision, "what a contact with a robot or an obstacle does"),

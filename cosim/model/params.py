@@ -102,10 +102,6 @@ class TimingParams(NamedTuple):
         float,
         Quantity("s", "assumed: every integration step", "time between exchanges with the FMUs"),
     ] = 1e-5
-    exchange_tolerance_rad: Annotated[
-        float,
-        Quantity("rad", "assumed: 1e-3 of the force", "bound on the interpolation of motor angles"),
-    ] = 1e-3
     control_period_s: Annotated[
         float, Quantity("s", "assumed: 1 kHz on-board controller", "steering period")
     ] = 1e-3

@@ -5,7 +5,7 @@ the C library where it is false; its last bits differ from machine to machine.
 
 Sine and cosine: three-part Cody–Waite reduction to [−π/4, π/4] and the minimax polynomials of
 Cephes; within 2.3e-16 of the library up to |x| = 1e6 rad, some 20 minutes of a motor
-(tests/cosim/physics/test_trig.py). The arctangent is agent/firmware/c/arctangent.c, to the bit.
+(tests/cosim/physics/test_trig.py).
 """
 
 import math

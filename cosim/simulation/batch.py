@@ -15,7 +15,6 @@ import numpy as np
 
 from cosim.base.arguments import ConfigError, require_one_of, taken
 from cosim.base.errors import UserError, shown
-from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.assembly import (
     MOTOR_NAMES,
     Motors,
@@ -54,7 +53,7 @@ from cosim.physics.lanes import host_lanes
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.measures import PATH_SAMPLING_S, Measures
 
-DRIVERS = ("fmpy", "compiled", "reference", "adaptive")
+DRIVERS = ("fmpy", "compiled", "reference")
 IN_LANES = ("fmpy", "compiled")
 
 # Robots that a batch has room for: two vectors of eight lanes, four of four. More would share the
@@ -63,9 +62,9 @@ ROBOTS_TOGETHER = 16
 
 
 def _driver(name: str, motors: Motors, lanes: int) -> Driver:
-    if name in IN_LANES:
-        return {"fmpy": FmpyDriver, "compiled": CompiledDriver}[name](motors, lanes)
-    return {"reference": ReferenceDriver, "adaptive": AdaptiveDriver}[name](motors)
+    if name == "reference":
+        return ReferenceDriver(motors)
+    return {"fmpy": FmpyDriver, "compiled": CompiledDriver}[name](motors, lanes)
 
 
 def places_for(driver: str, robots: int, tasks: int, threads: int) -> int:
@@ -100,7 +99,6 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
         config.timing,
         config.steering,
         config.estimator,
-        config.order,
         config.reaction,
         config.portable,
         config.on_collision,
@@ -153,7 +151,7 @@ class Batch:
                 f"lanes = {lanes} has no effect with the driver {driver}; leave it out"
             )
         fmu = MotorFmu(taken("motor_fmu", motor_fmu, Path))
-        check_motors(fmu, config, places * robots, adaptive=driver == "adaptive")
+        check_motors(fmu, config, places * robots)
         if driver == "fmpy" and (reason := why_not_fmpy(fmu, config)):
             raise ConfigError(f"--driver fmpy cannot be used: {reason}; use --driver compiled")
         self.config = config

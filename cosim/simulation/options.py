@@ -11,7 +11,7 @@ import tyro
 from cosim.base.arguments import ConfigError, named_once, take_fields
 from cosim.base.command import MotorFmuFile, MotorParameters
 from cosim.base.progress import Progress, silent, under_way
-from cosim.model.config import GIVEN, MAX_VALUE, CoSimConfig, Loop, OnCollision, Order
+from cosim.model.config import GIVEN, MAX_VALUE, CoSimConfig, Loop, OnCollision
 from cosim.model.params import SHIELD, STEERING, TIMING, MotorParams
 from cosim.model.preset import PAPER, Preset, find_preset
 from cosim.model.scenario import Scenario
@@ -39,9 +39,6 @@ class Physics:
     """Integration step of the bodies in s."""
     communication_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Time between exchanges with the FMUs in s, a whole multiple of dt; by default dt."""
-    order: Order = "gauss-seidel"
-    """Whether bodies see the motors' outputs of the end (interpolated) or of the start
-    (extrapolated) of a communication step."""
     reaction: bool = False
     """Let the motors feel the acceleration of the body, which the paper neglects."""
     motor_fmu: MotorFmuFile = None
@@ -93,7 +90,6 @@ class Physics:
         return replace(
             preset.config(world).with_overrides(self.mu, self.noise),
             timing=TIMING._replace(dt_s=self.dt, communication_step_s=step_s),
-            order=self.order,
             reaction=self.reaction,
             motor_parameters=tuple(given.items()),
         )
@@ -188,9 +184,9 @@ class SimulationOptions(Physics, DecisionOptions):
     """What goes without feedback: motors, which then get a constant voltage for every set point
     instead of the loop of Eq. (14), and heading, the course that robots keep while they drive."""
     portable: bool = False
-    """Compute the angles that robots steer by without the C library: an episode then has the bits
-    of a page that `minirobots web` writes, and the same ones on every machine (docs/performance.md
-    says when). By default it has those of published results, which another C library changes."""
+    """Compute the angles that robots steer by without the C library: an episode then has the
+    same bits on every machine (docs/performance.md says when). By default it has those of published
+    results, which another C library changes."""
     time_limit: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Simulated time in s after which an episode ends as a time-out; by default 600, and longer in
     proportion where robots are slower than by default."""

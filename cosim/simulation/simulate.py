@@ -60,7 +60,7 @@ def simulate(
         policy: asked every 2 s of simulated time; or, one that commands motors, at the end of
             its control interval, see `cosim.simulation.driving`.
         seed: of start cells and speed noise.
-        driver: fmpy, compiled, reference or adaptive, see `python -m cosim.run --help`.
+        driver: fmpy, compiled or reference, see `python -m cosim.run --help`.
         record: summary, default or full: how much of the episode is kept.
         motor_fmu: of every motor, the built-in one by default.
         motor_parameters: of the motor FMU, set through FMI, in its units, such as {"J": 5e-9}.

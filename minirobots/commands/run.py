@@ -83,12 +83,11 @@ class Run(NewFolder, Simulating):
     viewer: Annotated[str, tyro.conf.arg(metavar="URL")] = DEFAULT_VIEWER
     """Address of the viewer for --live and --spawn."""
     jobs: Jobs = -1
-    driver: Literal["fmpy", "compiled", "reference", "adaptive"] | None = None
+    driver: Literal["fmpy", "compiled", "reference"] | None = None
     """Driver that steps the motor FMUs: fmpy calls doStep of fmpy's class once per control period
     of 1 ms; compiled calls their C functions at every tick (the same bits, an episode some 16 %
-    faster); reference calls fmpy's class at every tick (the same bits, some 400 times slower);
-    adaptive does so with a communication step that it adapts by rolling the FMUs back. By default
-    fmpy, and compiled with --reaction or a motor FMU without samples of its outputs."""
+    faster); reference calls fmpy's class at every tick (the same bits, some 400 times slower).
+    By default fmpy, and compiled with --reaction or a motor FMU without samples of its outputs."""
 
     @classmethod
     def defaults(cls, arguments: list[str]) -> None:

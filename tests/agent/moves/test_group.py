@@ -4,7 +4,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.firmware.constants import load_table
 from agent.mdp.exact import some_starts
 from agent.mdp.greedy import PolicyError
 from agent.method import method_config, method_of, method_policy
@@ -87,8 +86,6 @@ def test_a_policy_is_kept_in_its_file(tmp_path):
     assert repr(read) == "GroupPolicy(scenario swap, planned on moves)"
     seen = observe(SWAP, [starts[0] for starts in SWAP.starts], [0, 0])
     assert read.act(seen).action.tolist() == policy.act(seen).action.tolist()
-    with pytest.raises(PolicyError, match="a policy by planned, but firmware needs a table"):
-        load_table(tmp_path / "planned.npz")
     with pytest.raises(PolicyError, match="was trained on scenario swap"):
         load_policy(tmp_path / "planned.npz", ALONE)
     with pytest.raises(PolicyError, match="planned paths use observed moves"):

@@ -173,21 +173,6 @@ def capability(**changes):
     return lambda root: root.find("CoSimulation").attrib.update(changes)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [({"canGetAndSetFMUState": "false", "canSerializeFMUState": "false"},
-      "cannot save its state .* --driver adaptive needs; use --driver compiled"),
-     ({"canHandleVariableCommunicationStepSize": "false"},
-      "cannot vary its step .* --driver adaptive needs; use --driver compiled")],
-    ids=["state", "step"],
-)  # fmt: skip
-def test_adaptive_driver_needs_capabilities(edited_fmu, change, message):
-    path, scenario = edited_fmu(capability(**change)), find_scenario("2")
-    CoSimulation(scenario, path)
-    with pytest.raises(FmuError, match=message):
-        CoSimulation(scenario, path, driver="adaptive")
-
-
 def test_more_motors_than_a_process_may_have_are_refused(edited_fmu):
     path = edited_fmu(capability(canBeInstantiatedOnlyOncePerProcess="true"))
     with pytest.raises(FmuError, match="OnlyOncePerProcess, and 4 motors are needed"):
@@ -199,26 +184,23 @@ def test_more_motors_than_a_process_may_have_are_refused(edited_fmu):
 
 
 @pytest.mark.parametrize(
-    ("internal", "step_s", "adaptive", "message"),
-    [("1e-5", 1e-5, True, None),
-     ("2e-5", 2e-5, False, None),
-     ("2e-5", 1e-5, False, "communication_step_s = 1e-05 s .* fixedInternalStepSize .* 2e-05 s"),
-     ("2e-5", 2e-5, True, "dt_s = 1e-05 s .* fixedInternalStepSize .* 2e-05 s"),
-     ("3e-5", 2e-5, False, "communication_step_s = 2e-05 s"),
-     ("INF", 1e-5, False, "communication_step_s"),
-     ("0", 1e-5, False, "fixedInternalStepSize = 0; export it with a positive one"),
-     ("NaN", 1e-5, False, "fixedInternalStepSize = nan; export it with a positive one")],
+    ("internal", "step_s", "message"),
+    [("1e-5", 1e-5, None),
+     ("2e-5", 2e-5, None),
+     ("2e-5", 1e-5, "communication_step_s = 1e-05 s .* fixedInternalStepSize .* 2e-05 s"),
+     ("3e-5", 2e-5, "communication_step_s = 2e-05 s"),
+     ("INF", 1e-5, "communication_step_s"),
+     ("0", 1e-5, "fixedInternalStepSize = 0; export it with a positive one"),
+     ("NaN", 1e-5, "fixedInternalStepSize = nan; export it with a positive one")],
 )  # fmt: skip
-def test_internal_step_must_divide_the_communication_step(
-    edited_fmu, internal, step_s, adaptive, message
-):
+def test_internal_step_must_divide_the_communication_step(edited_fmu, internal, step_s, message):
     fmu = MotorFmu(edited_fmu(capability(fixedInternalStepSize=internal)))
     config = CoSimConfig(timing=TIMING._replace(communication_step_s=step_s))
     if message is None:
-        check_motors(fmu, config, 2, adaptive=adaptive)
+        check_motors(fmu, config, 2)
     else:
         with pytest.raises((FmuError, ConfigError), match=message):
-            check_motors(fmu, config, 2, adaptive=adaptive)
+            check_motors(fmu, config, 2)
 
 
 def test_every_instance_is_told_its_own_name(motor_fmu, monkeypatch):

@@ -1,7 +1,6 @@
 """Both drivers give the same bits; a failing FMU is named."""
 
 import math
-import re
 import signal
 from dataclasses import replace
 from typing import Any
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 from fmpy.fmi3 import FMU3Slave
 
-from cosim.coupling.adaptive import AdaptiveDriver
 from cosim.coupling.assembly import Motors, robot_properties
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.coupling.master import CompiledDriver, FmpyDriver, ReferenceDriver
@@ -50,12 +48,10 @@ def plant_with(**changes) -> Plant:
         end_on_collision=True,
         ticks_per_period=100,
         ticks_per_step=1,
-        jacobi=False,
         reaction=False,
         open_loop=False,
         volts_per_speed=0.0,
         friction_volts=0.0,
-        exchange_tolerance=TIMING.exchange_tolerance_rad,
         portable=False,
     )
     return plant._replace(**changes)
@@ -163,7 +159,7 @@ def same(first, second):
 
 @pytest.mark.parametrize(
     "coupling",
-    [{}, {"ticks_per_step": 5}, {"jacobi": True}, {"reaction": True, "ticks_per_step": 2}],
+    [{}, {"ticks_per_step": 5}, {"reaction": True, "ticks_per_step": 2}],
     ids=lambda changes: "-".join(changes) or "default",
 )
 def test_drivers_lanes_and_arrays_agree_in_every_bit(motor_fmu, array_fmu, coupling):
@@ -312,17 +308,14 @@ def final_position(motor_fmu, **changes):
     return advance(motor_fmu, 2, heading=0.0, noise=0.0, **changes)[2].position[-1]
 
 
-def test_orders_of_coupling_converge_on_each_other(motor_fmu):
-    """Errors of both orders shrink with the communication step, Jacobi's from the larger one."""
+def test_errors_shrink_with_the_communication_step(motor_fmu):
     exact = final_position(motor_fmu)
     moved = np.linalg.norm(exact[:, :2] - [[0.05, 0.15], [0.15, 0.15]], axis=1).min()
-    for jacobi in (False, True):
-        coarse, fine = (
-            np.abs(final_position(motor_fmu, jacobi=jacobi, ticks_per_step=n) - exact).max()
-            for n in (20, 5)
-        )
-        assert fine < coarse
-        assert fine < 0.01 * moved
+    coarse, fine = (
+        np.abs(final_position(motor_fmu, ticks_per_step=n) - exact).max() for n in (20, 5)
+    )
+    assert fine < coarse
+    assert fine < 0.01 * moved
 
 
 def lone_robot(motor_fmu, columns=1):
@@ -331,54 +324,6 @@ def lone_robot(motor_fmu, columns=1):
     state.commands[0, GOAL_X] = 0.2
     state.running[0] = 1
     return state, new_motors(motor_fmu, columns, 1)
-
-
-def test_adaptive_driver_takes_fewer_steps_for_the_same_motion(motor_fmu):
-    periods = 50
-    # no way back to FMUs
-    plant = plant_with(robots=1, steering=STEERING._replace(heading_gain_1_s=0.0))
-    noise, raw = np.zeros((periods, 2, 2)), new_raw_samples(0, 2)
-    state, motors = lone_robot(motor_fmu)
-    driver = AdaptiveDriver(motors)
-    driver.advance(plant, state, noise[:, :1], new_samples(periods, 1), new_raw_samples(0, 1))
-    assert driver.rejected > 0  # the start needs short steps
-    assert driver.steps < periods * plant.ticks_per_period / 5
-    other, motors = lone_robot(motor_fmu, columns=2)
-    CompiledDriver(motors, 2).advance(plant, other, noise, new_samples(periods, 2), raw)
-    # the FMUs do not depend on the step
-    assert np.array_equal(state.outputs, other.outputs[:, : state.outputs.shape[1]])
-    assert state.bodies[:2, 0] == pytest.approx(other.bodies[:2, 0], abs=2e-7)
-
-
-def test_adaptive_driver_says_which_states_it_may_return_to(motor_fmu, monkeypatch):
-    """An FMU may forget what is before a point that no state will be restored from."""
-    calls = []
-    instantiate = FMU3Slave.instantiate
-
-    def logged(slave, **options):
-        instantiate(slave, **options)
-        if slave.instanceName == "r1.D":
-            slave.fmiCallLogger = calls.append
-
-    monkeypatch.setattr(FMU3Slave, "instantiate", logged)
-    state, motors = lone_robot(motor_fmu)
-    driver = AdaptiveDriver(motors)
-    samples, raw = new_samples(3, 1), new_raw_samples(0, 1)
-    driver.advance(plant_with(robots=1), state, np.zeros((3, 1, 2)), samples, raw)
-    now = saved = forgotten = 0.0
-    restored = kept = 0
-    for call in calls:
-        if call.startswith("fmi3GetFMUState"):
-            saved = now
-        elif call.startswith("fmi3SetFMUState"):
-            assert saved >= forgotten
-            now, restored = saved, restored + 1
-        elif step := re.search(r"Point=(\S+), \w+=(\S+), noSet\w+=(True|False)", call):
-            now = float(step[1]) + float(step[2])
-            if step[3] == "True":
-                forgotten, kept = float(step[1]), kept + 1
-    assert restored > 3
-    assert kept == driver.steps
 
 
 def test_foreign_fmu_gives_the_same_bits(motor_fmu, edited_fmu):

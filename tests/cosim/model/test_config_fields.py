@@ -53,7 +53,6 @@ def another(name: str, value: Any) -> Any:
         "world.payload_offset_mm": (1.0, 2.0),
         "world.motor_phases_deg": (1.0, 2.0),
         "world.sensor": msgspec.structs.replace(CAMERA, rate_hz=10.0),
-        "order": "jacobi",
         "on_collision": "continue",
         "open_loop": ("motors",),
         "preset": "thesis",

@@ -51,7 +51,7 @@ EPISODES = [
     (LARGE, ((5, 5), (12, 5)), (NORTH, SOUTH)),
     (SMALL, ((4, 4), (14, 10)), (NORTH, NORTH)),
 ]
-COUPLINGS = [{}, {"order": "jacobi", "reaction": True}]
+COUPLINGS = [{}, {"reaction": True}]
 
 
 def alone(number: int, fmu: Path, config: CoSimConfig, steps: int) -> list:
@@ -167,12 +167,11 @@ def test_worlds_share_a_batch_and_keep_their_bits(driver, step_s, array_fmu):
             assert np.array_equal(ours, theirs)
 
 
-@pytest.mark.parametrize("order", ["gauss-seidel", "jacobi"])
-def test_motors_begin_at_the_phases_of_their_world(order, motor_fmu, array_fmu):
+def test_motors_begin_at_the_phases_of_their_world(motor_fmu, array_fmu):
     """To the same bits in all drivers, and no phase is left to the next episode of a place."""
     phases_deg = (90.0, -45.0, 10.0, 180.0)
     timing = TIMING._replace(rl_step_s=0.01, communication_step_s=2e-5, burst_s=1e-4)
-    usual = CoSimConfig(timing=timing, order=order)
+    usual = CoSimConfig(timing=timing)
     turned = usual.in_world(World(motor_phases_deg=phases_deg))
 
     def simulate(fmu, *configs, **options):
@@ -317,4 +316,4 @@ def test_what_does_not_fit_a_batch_is_refused(array_fmu):
         turned = CoSimConfig(world=World(motor_phases_deg=(0.0,) * 4))
         batch.begin(0, scenario, ((15, 15),), seed, turned)
     with pytest.raises(ConfigError, match="by more than its world"):
-        batch.begin(0, LARGE, ((5, 5), (20, 5)), seed, CoSimConfig(order="jacobi"))
+        batch.begin(0, LARGE, ((5, 5), (20, 5)), seed, CoSimConfig(reaction=True))

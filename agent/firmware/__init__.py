@@ -1,1 +1,0 @@
-"""Software of a robot's microcontroller: C sources, and the tables of a policy for them."""

@@ -1,1 +1,0 @@
-"""A page that plays episodes in a browser: the co-simulation in C, compiled to WebAssembly."""
