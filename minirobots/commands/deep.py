@@ -20,7 +20,7 @@ class Deep(NewFolder):
     arrived. Episodes begin in any free cells of the board, moves off the board and into obstacles
     are masked, and rewards are shaped by the shortest path of a robot alone. After every round the
     greedy policy is evaluated from all starts; the best one is kept as policy.npz, which
-    cosim.run --policy, cosim.evaluate and agent.evaluate accept. Needs the extra deep.
+    minirobots run --policy, minirobots evaluate and agent.evaluate accept. Needs the extra deep.
     """
 
     prefix: ClassVar[str] = "deep-"
