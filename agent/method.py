@@ -9,7 +9,7 @@ robots' paths together, which are computed. So is "fastest", the least time on o
 which tells turns from straight lines, of one robot or of two together (two on moves through
 cells). "planned" is for groups: robots plan in space and time on mean
 times of moves, again at every decision (`agent.moves.group`).
-`python -m cosim.run` uses "moves" for one robot, "pair" for two, and "planned" for more.
+`minirobots run` uses "moves" for one robot, "pair" for two, and "planned" for more.
 """
 
 from dataclasses import replace

@@ -29,7 +29,7 @@ def open(path: "Path | str") -> "Episode":  # noqa: A001 - to be called as analy
     Raises:
         RecordingReadError: the file does not exist, cannot be read, or holds no episode.
     """
-    from cosim.base.arguments import taken
-    from cosim.recording.reader import read_episode
+    from cosim.base.arguments import taken  # noqa: PLC0415
+    from cosim.recording.reader import read_episode  # noqa: PLC0415 - rerun is slow to import
 
     return read_episode(taken("path", path, Path))

@@ -3,4 +3,4 @@
 from minirobots.runner import run_named
 
 if __name__ == "__main__":
-    run_named("reproduce", "analysis.reproduce")
+    run_named("reproduce")

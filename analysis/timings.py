@@ -62,7 +62,7 @@ class TimingsFile(msgspec.Struct, frozen=True):
 
 
 def read_timings(results: Path) -> TimingsFile | None:
-    """Timings of a results folder; None if `analysis.reproduce` did not make it.
+    """Timings of a results folder; None if `minirobots reproduce` did not make it.
 
     Raises:
         TimingsError: the file is damaged.
@@ -76,7 +76,7 @@ def code_of(stage: str) -> str | None:
     """Hash (16 hex digits) of the code that makes a result; None if the stage is of no result."""
     if stage not in RESULTS:
         return None
-    name = RESULTS[stage].command_name
+    name = RESULTS[stage].maker
     return code_digest(f"minirobots.commands.{name.replace('-', '_')}")
 
 

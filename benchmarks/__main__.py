@@ -32,7 +32,7 @@ def main() -> None:
     place = known[name].relative_to(ROOT.parent).with_suffix("")
     module = import_module(".".join(place.parts))
     module.Options.__doc__ = module.__doc__
-    options = parse(module.Options, f"benchmarks {name}", rest)
+    options = parse(module.Options, f"python -m benchmarks {name}", rest)
     with progress_bars() as progress, under_way(progress, f"benchmark {name}"):
         found = module.measure(options)
     getattr(module, "show", _show)(found)

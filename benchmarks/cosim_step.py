@@ -158,7 +158,7 @@ def measure(options: Options) -> dict[str, float]:
     """Return all figures.
 
     The scalar path has an FMU instance for every motor, and moves one body after the other. A pair
-    is simulated as `cosim.run` does it, with recording off.
+    is simulated as `minirobots run` does it, with recording off.
     """
     rounds, lanes = options.rounds, options.lanes or host_lanes()
     pairs = ROBOTS_TOGETHER // 2

@@ -1,4 +1,4 @@
-"""Time `cosim.evaluate` for a sample of starts, against the same episodes one by one.
+"""Time `minirobots evaluate` for a sample of starts, against the same episodes one by one.
 
 One side is what the command does: batches of episodes in lanes, all motors in one FMU instance. The
 other, the scalar path, moves one body after the other and has an FMU instance for every motor. Both

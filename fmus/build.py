@@ -1,6 +1,6 @@
 """Builds the FMUs: renders their tables, has their C code compiled and packs the archives.
 
-`python -m fmus.build` is the command `minirobots fmu`; `cached_fmu` gives the co-simulation one:
+The command is `minirobots fmu`; `cached_fmu` gives the co-simulation one:
 that of the wheel, or one that is built on first use. Numerical work is in C files like
 `vibration_motor/motor.h`.
 """
@@ -166,9 +166,3 @@ def instantiation_token(table: Table) -> str:
     for path in sorted([*inputs, *ROOT.glob("*.py")]):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return f"{{{uuid.UUID(bytes=digest.digest()[:16])}}}"
-
-
-if __name__ == "__main__":
-    from minirobots.runner import run_named
-
-    run_named("fmu", "fmus.build")

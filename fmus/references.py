@@ -155,7 +155,7 @@ class MakeReferences:
 
 def main() -> None:
     """Command line; see `MakeReferences`."""
-    options = parse(MakeReferences, "fmus.references")
+    options = parse(MakeReferences, "python -m fmus.references")
     from fmus.build import build_fmu  # noqa: PLC0415 - which needs references itself
 
     files = []

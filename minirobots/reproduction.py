@@ -57,22 +57,44 @@ def reproduce(
             continue
         say(f"{label} …")
         with timings.stage(result.name):
-            command = module_of(result.command_name)
+            command = module_of(result.maker)
             settings = _settings(result, profile, seed, jobs)
             options = options_of(command)(out=result.location(results), **settings)
             next(begin(command, options, progress))
         say(f"{label}: {timings.seconds(result.name):.1f} s")
     with timings.stage("figures"):
-        drawn, lacking = draw_figures(FIGURES, results, out / "figures", progress=progress)
+        _draw(out, progress, say)
+    say(f"figures: {timings.seconds('figures'):.1f} s")
+    return write_report(results, out / "figures", out / "report")
+
+
+def redraw(out: Path, progress: Progress, say: Callable[[str], None]) -> Path:
+    """Draw the figures and write the report from existing results, whichever commands made them.
+
+    Args:
+        out: folder with `results`; receives figures and report.
+        progress: receives every figure.
+        say: receives a line for every figure that lacks results.
+
+    Returns:
+        The report's page.
+
+    Raises:
+        UserError: there are no results, or one is damaged.
+    """
+    _draw(out, progress, say)
+    return write_report(out / "results", out / "figures", out / "report")
+
+
+def _draw(out: Path, progress: Progress, say: Callable[[str], None]) -> None:
+    _, lacking = draw_figures(FIGURES, out / "results", out / "figures", progress=progress)
     for name, reason in lacking.items():
         say(f"not drawn: {name}: {reason}")
-    say(f"{len(drawn)} figures: {timings.seconds('figures'):.1f} s")
-    return write_report(results, out / "report")
 
 
 def _settings(result: Result, profile: Profile, seed: int, jobs: int) -> dict[str, Any]:
     """Return the options of a result's command that the profile sets, without --out."""
-    match result.command_name:
+    match result.maker:
         case "calibrate":
             return {"jobs": jobs}
         case "run":

@@ -28,22 +28,16 @@ def options_of(module: ModuleType) -> type[Any]:
     return module.run.__annotations__["options"]
 
 
-def run_named(name: str, module: str = "minirobots") -> None:
-    """Run a command with the arguments of this process, and leave with its exit status.
-
-    Args:
-        name: of the command.
-        module: by which `python -m` was called, if not as `minirobots NAME`.
-    """
-    run_command(lambda: execute(name, module))
+def run_named(name: str) -> None:
+    """Run a command with the arguments of this process, and leave with its exit status."""
+    run_command(lambda: execute(name))
 
 
-def execute(name: str, module: str = "minirobots") -> None:
+def execute(name: str) -> None:
     """Parse the arguments of this process, do the work, print what came of it.
 
     Args:
         name: of the command.
-        module: by which `python -m` was called, if not as `minirobots NAME`.
 
     Raises:
         SystemExit: the command failed in its own terms, or a child process has done the work.
@@ -51,7 +45,9 @@ def execute(name: str, module: str = "minirobots") -> None:
     command = module_of(name)
     kind, arguments = options_of(command), sys.argv[1:]
     try:
-        options: CommandOptions = parse(kind, module, arguments, kind.defaults(arguments))
+        options: CommandOptions = parse(
+            kind, f"minirobots {name}", arguments, kind.defaults(arguments)
+        )
     except SystemExit as end:
         if not end.code and (examples := _examples(name)):  # after --help
             print("\nexamples:", *examples, sep="\n  ")

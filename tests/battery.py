@@ -68,7 +68,7 @@ def count(report: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Command line; see `Battery`."""
-    options = parse(Battery, "tests.battery")
+    options = parse(Battery, "python -m tests.battery")
     tests = dict.fromkeys("::".join(test) for some in named().values() for test in some)
     marks = f"{MARKS} and not faults" if options.quick else MARKS
     with tempfile.TemporaryDirectory() as folder:

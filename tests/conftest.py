@@ -99,7 +99,7 @@ class Ended(NamedTuple):
 
 @pytest.fixture(scope="session")
 def command():
-    """Run a command, by its name or module, in this process, whose imports are done."""
+    """Run a command, by its name, or a module with `main`, in this process with its imports."""
 
     def run(module: ModuleType | str, *arguments: Any) -> Ended:
         if isinstance(module, str):

@@ -342,12 +342,6 @@ def test_a_co_simulation_takes_numbers_and_lists():
     system.close()
 
 
-def test_the_function_train_survives_the_import_of_its_command():
-    code = "import agent.train; print(agent.train('1a', method='paper', episodes=20_000).episodes)"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert said.stdout == "20000\n"
-
-
 def test_load_refuses_what_does_not_fit(policy, tmp_path):
     with pytest.raises(PolicyError, match="no such policy file"):
         agent.load(Path("nowhere.npz"))

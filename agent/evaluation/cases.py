@@ -2,7 +2,7 @@
 
 Every start has an index, every index its own noise: an episode is determined by its case and its
 index, not by other episodes or their order. Results are kept by `agent.study.store`, statistics
-are `agent.evaluation.outcomes`, the command lines `cosim.evaluate` and `cosim.transfer`.
+are `agent.evaluation.outcomes`, the command lines `minirobots evaluate` and `minirobots transfer`.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -92,7 +92,7 @@ def require(table: str, config: object, valid: Mapping[str, bool], error: type[U
         if not fine or (isinstance(value, float) and math.isinf(value)):
             raise error(
                 f"{table}: {name} = {value} is not allowed; see its description "
-                "in `python -m agent.train --help`"
+                "in `minirobots train --help`"
             )
 
 

@@ -104,7 +104,7 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Raises:
             MovesError: no such file, or not a file of moves of this version.
         """
-        fix = f"make one with `python -m agent.moves --out {path}`"
+        fix = f"make one with `minirobots moves --out {path}`"
         kind = Kind("file of moves", fix, MovesError)
         content = read_json(path, kind, dict)
         version = content.pop("schema_version", None)
@@ -113,7 +113,7 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if version != SCHEMA_VERSION:
             raise MovesError(
                 f"{path}: schema {version} is not the schema {SCHEMA_VERSION} of this version; "
-                "make it again with `python -m agent.moves`"
+                "make it again with `minirobots moves`"
             )
         return moves
 

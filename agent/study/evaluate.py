@@ -1,7 +1,7 @@
 """Evaluate policies in the full dynamics, start by start: episodes, results, recordings.
 
 The counterpart of `agent.evaluation.grid`, which is exact on the grid; the command line is
-`cosim.evaluate`.
+`minirobots evaluate`.
 """
 
 from collections.abc import Iterable
@@ -60,7 +60,7 @@ class PolicyRow(EpisodesRow, frozen=True, kw_only=True):
 
 
 class EvaluationReport(msgspec.Struct, frozen=True, kw_only=True):
-    """Output of `python -m cosim.evaluate --json`: the policies under one physics."""
+    """Output of `minirobots evaluate --json`: the policies under one physics."""
 
     schema_version: int = 1
     seed: int

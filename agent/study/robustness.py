@@ -1,6 +1,6 @@
 """Measure policies in worlds that none of them was trained for: docs/robustness.md.
 
-The worlds are `agent.study.axes`; the command line is `cosim.robustness`.
+The worlds are `agent.study.axes`; the command line is `minirobots robustness`.
 """
 
 from collections.abc import Collection

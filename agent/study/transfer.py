@@ -1,6 +1,6 @@
 """Measure policies of each method in the full dynamics: the table of docs/transfer.md.
 
-The command line is `cosim.transfer`.
+The command line is `minirobots transfer`.
 """
 
 import operator

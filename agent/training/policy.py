@@ -230,7 +230,7 @@ def read_policy(
     if description.get("schema_version") != SCHEMA_VERSION:
         raise PolicyError(
             f"{path}: policy schema {description.get('schema_version')} is not the schema "
-            f"{SCHEMA_VERSION} of this version; train it again with `python -m agent.train`"
+            f"{SCHEMA_VERSION} of this version; train it again with `minirobots train`"
         )
     digest, episodes = description.pop("scenario_digest", None), description.pop("episodes", 0)
     with parsing(path, _CONFIG):

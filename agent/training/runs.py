@@ -8,7 +8,7 @@
     run_000/checkpoint.npz   only while the run is going on
 
 One run is `agent.training.worker`, where runs are computed `cosim.base.backends`, the command
-`python -m agent.train`.
+`minirobots train`.
 """
 
 import contextlib

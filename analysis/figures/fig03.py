@@ -1,4 +1,4 @@
-"""Fig. 3: motion of the 1-DOF platform, from a result file of `cosim.platform`."""
+"""Fig. 3: motion of the 1-DOF platform, from a result file of `minirobots platform`."""
 
 from pathlib import Path
 from typing import Any

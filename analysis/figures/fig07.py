@@ -1,4 +1,4 @@
-"""Fig. 7: the motor in open and closed loop, from a recording of `analysis.motor_test`."""
+"""Fig. 7: the motor in open and closed loop, from a recording of `minirobots motor-test`."""
 
 from pathlib import Path
 from typing import Any

@@ -83,7 +83,7 @@ def load_variants(folder: Path, content: ExperimentResult) -> dict[str, VariantC
         policies = policy_paths(folder / name)
         if len(policies) != len(variant.runs):
             raise FigureError(
-                f"{folder / name}: runs are missing; run `python -m agent.experiments "
+                f"{folder / name}: runs are missing; run `minirobots experiments "
                 f"{content.experiment} --out {folder}`"
             )
         logs = tuple(TrainingLog.load(path.with_name(LOG_FILE)) for path in policies)

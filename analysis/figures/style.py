@@ -95,11 +95,11 @@ def write_caption(caption: Caption, folder: Path) -> Path:
 
 
 def read_caption(folder: Path, figure: str) -> Caption:
-    """The caption of a figure that `python -m analysis.figures` wrote.
+    """The caption of a figure that `minirobots figures` wrote.
 
     Raises:
         FigureError: there is none, or it is damaged.
     """
-    fix = f"draw it with `python -m analysis.figures {figure} --out {folder}`"
+    fix = f"draw it with `minirobots figures {figure} --out {folder}`"
     kind = Kind("caption of a figure", fix, FigureError)
     return read_json(folder / f"{figure}.json", kind, Caption)

@@ -1,4 +1,4 @@
-"""Success in the full co-simulation by training method, from the table of `cosim.transfer`.
+"""Success in the full co-simulation by training method, from the table of `minirobots transfer`.
 
 The paper has no such figure: it says of no number whether it was reached on the grid or with the
 dynamics.
@@ -81,5 +81,5 @@ def make(results: Path) -> Drawing:
     """
     rows = [row for row in read_transfer(results).rows if row.success is not None]
     if not rows:
-        raise FigureError("the table of `python -m cosim.transfer` has no rows with episodes")
+        raise FigureError("the table of `minirobots transfer` has no rows with episodes")
     return Drawing(draw(rows), caption(rows))

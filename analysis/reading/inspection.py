@@ -46,7 +46,7 @@ class RobotSummary(msgspec.Struct, frozen=True):
 
 
 class Inspection(msgspec.Struct, frozen=True):
-    """Everything that `python -m analysis.inspect` prints.
+    """Everything that `minirobots inspect` prints.
 
     Attributes:
         recording: path of the file.

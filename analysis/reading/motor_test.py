@@ -1,4 +1,4 @@
-"""Recordings of `python -m analysis.motor_test`: the signals of both loops as arrays."""
+"""Recordings of `minirobots motor-test`: the signals of both loops as arrays."""
 
 import math
 from pathlib import Path
@@ -51,7 +51,7 @@ def read(path: Path) -> dict[str, Response]:
     except (RecordingReadError, KeyError) as error:
         raise MotorTestError(
             f"{path} is not a recording of a motor test ({error}); "
-            "make one with `python -m analysis.motor_test`"
+            "make one with `minirobots motor-test`"
         ) from error
 
 

@@ -1,7 +1,7 @@
 """Places of results in a results folder, and the commands that write them.
 
-The one place that knows the layout and the order: `analysis.figures` draws from it,
-`analysis.reproduce` fills it, `analysis.report` links to it. No result is read or made here.
+The one place that knows the layout and the order: `minirobots reproduce` fills it, figures and the
+report read from it. No result is read or made here.
 """
 
 import shlex
@@ -26,17 +26,17 @@ class Result:
         name: by which figures and people ask for it.
         title: what is done to get it.
         path: below the results folder; a folder where the command makes several files.
-        module: makes it.
+        maker: command of `minirobots` that makes it.
         proof: file below the path that is there once the result can be used, if it is a folder.
-        of: experiment or scenario, where the module makes several.
+        of: experiment or scenario, where the command makes several.
         method: by which the policy of a run is made.
-        arguments: of the module, without --out.
+        arguments: of the command, without --out.
     """
 
     name: str
     title: str
     path: str
-    module: str
+    maker: str
     proof: str = ""
     of: str = ""
     method: str = ""
@@ -54,20 +54,15 @@ class Result:
         """Return whether the result can be used."""
         return self.proof_in(results).is_file()
 
-    @property
-    def command_name(self) -> str:
-        """Name of the command of `minirobots` that the module is the entry of."""
-        return self.module.rpartition(".")[2].replace("_", "-")
-
     def command(self, results: Path) -> str:
         """The command that makes it, as one types it."""
         arguments = (*self.arguments, "--out", str(self.location(results)))
-        return shlex.join(["python", "-m", self.module, *arguments])
+        return shlex.join(["minirobots", self.maker, *arguments])
 
 
 def _experiment(name: str, title: str) -> Result:
-    path, module = f"experiments/{name}", "agent.experiments"
-    return Result(name, title, path, module, "results.json", name, arguments=(name,))
+    path = f"experiments/{name}"
+    return Result(name, title, path, "experiments", "results.json", name, arguments=(name,))
 
 
 def episodes_of(scenario: str, method: str) -> str:
@@ -81,7 +76,7 @@ def _episodes(scenario: str, method: str) -> Result:
     count = str(SINGLE_EPISODES if alone else PAIR_EPISODES)
     arguments = ("--scenario", scenario, "--method", method, "--episodes", count, "--jobs", "2")
     name = episodes_of(scenario, method)
-    return Result(name, title, folder, "cosim.run", "summary.json", scenario, method, arguments)
+    return Result(name, title, folder, "run", "summary.json", scenario, method, arguments)
 
 
 # In the order of being made: the quick ones first, so that a mistake shows early.
@@ -89,31 +84,26 @@ RESULTS: dict[str, Result] = {
     result.name: result
     for result in (
         Result(
-            "platform",
-            "platform of one degree of freedom (Fig. 3)",
-            "platform.npz",
-            "cosim.platform",
+            "platform", "platform of one degree of freedom (Fig. 3)", "platform.npz", "platform"
         ),
         Result(
             "motor_test",
             "motor in open and closed loop (Fig. 7)",
             "motor_test.rrd",
-            "analysis.motor_test",
+            "motor-test",
         ),
         Result(
             "calibration",
             "motor speeds calibrated to motion",
             "calibration",
-            "cosim.calibrate",
+            "calibrate",
             "calibration.npz",
         ),
         *(_episodes(scenario, method) for scenario in PAPER for method in DRIVEN_BY),
         _experiment("fig08", "training of one robot (Fig. 8)"),
         _experiment("fig11", "training of pairs (Fig. 11)"),
         _experiment("fig10", "training with values of c (Fig. 10)"),
-        Result(
-            "transfer", "success in co-simulation", "transfer", "cosim.transfer", "transfer.json"
-        ),
+        Result("transfer", "success in co-simulation", "transfer", "transfer", "transfer.json"),
         _experiment("sequel", "training of groups, as in the paper's sequel"),
     )
 }

@@ -22,12 +22,12 @@ def kind_of(name: str, results: Path) -> Kind:
     """Return the name of a result in messages."""
     result = RESULTS[name]
     return Kind(
-        f"result of `python -m {result.module}`", f"run `{result.command(results)}`", ResultError
+        f"result of `minirobots {result.maker}`", f"run `{result.command(results)}`", ResultError
     )
 
 
 def read_experiment(name: str, results: Path) -> ExperimentResult:
-    """Description of an experiment by `agent.experiments`.
+    """Description of an experiment by `minirobots experiments`.
 
     Raises:
         ResultError: there is no such result, or it is of another experiment.
@@ -40,7 +40,7 @@ def read_experiment(name: str, results: Path) -> ExperimentResult:
 
 
 def read_transfer(results: Path) -> TransferReport:
-    """The table of `cosim.transfer`.
+    """The table of `minirobots transfer`.
 
     Raises:
         ResultError: there is no such result, or it is damaged.
@@ -50,7 +50,7 @@ def read_transfer(results: Path) -> TransferReport:
 
 
 def read_run(name: str, results: Path) -> tuple[EpisodeResult, ...]:
-    """Return the episodes of a run of `cosim.run`; none if it was not run.
+    """Return the episodes of a run of `minirobots run`; none if it was not run.
 
     Raises:
         ResultError: its summary is damaged.

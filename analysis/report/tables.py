@@ -1,4 +1,4 @@
-"""Result files as tables of text: learning, transfer to the co-simulation, episodes, timings.
+"""Result files as tables of text: learning, transfer to the co-simulation, episodes, times.
 
 Reads what commands wrote and formats it, with intervals; the page around it is `analysis.report`.
 """
@@ -11,10 +11,11 @@ from agent.experiments.results import ExperimentResult
 from agent.study.episodes import METHOD, MU, PATH_RATIO, SCENARIO, SHIELD, rate_column
 from agent.study.transfer import QUICK_EPISODES
 from analysis.figures.style import NOTHING
-from analysis.reading.results import RESULTS
-from analysis.reading.written import read_experiment, read_transfer
+from analysis.reading.results import DRIVEN_BY, RESULTS, episodes_of
+from analysis.reading.written import read_experiment, read_run, read_transfer
 from analysis.timings import TimingsFile
 from cosim.base.table import field
+from cosim.model.built_in import PAPER
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import ENDS
 
@@ -85,7 +86,7 @@ def _learning_table(title: str, content: ExperimentResult) -> ReportTable:
         "its 95 % Student interval, which is [–] where there are too few runs, or too many agree."
     )
     command = (
-        f"python -m agent.experiments {content.experiment} --runs {runs} "
+        f"minirobots experiments {content.experiment} --runs {runs} "
         f"--episodes {content.episodes} --seed {content.seed}"
     )
     return ReportTable(title, note, command, tuple(header), rows)
@@ -101,7 +102,7 @@ def transfer_tables(results: Path) -> list[ReportTable]:
         return []
     report = read_transfer(results)
     rows = [tuple(column.text(row) for column in _TRANSFER) for row in report.rows]
-    command = f"python -m cosim.transfer --seed {report.seed}"
+    command = f"minirobots transfer --seed {report.seed}"
     for of in ("scenario", "method"):
         command += f" --{of}s " + " ".join(dict.fromkeys(getattr(row, of) for row in report.rows))
     if max((row.planned for row in report.rows), default=0) <= QUICK_EPISODES:
@@ -115,8 +116,35 @@ def transfer_tables(results: Path) -> list[ReportTable]:
     return [ReportTable(title, note, command, header, rows)]
 
 
+def episode_table(results: Path) -> list[ReportTable]:
+    """Return the table of recorded episodes; none if no episode has been recorded.
+
+    Raises:
+        ResultError: a summary is damaged.
+    """
+    rows = []
+    for scenario in PAPER:
+        for method in DRIVEN_BY:
+            result = RESULTS[episodes_of(scenario, method)]
+            for number, episode in enumerate(read_run(result.name, results)):
+                recording = f"{result.path}/{episode.recording}" if episode.recording else NOTHING
+                outcome = episode.outcome.replace("_", " ")
+                lasted = f"{episode.sim_time_s:.0f} s"
+                path = f"{episode.path_length_cm:.1f} cm"
+                name = f"{scenario}-{method}/{number}"
+                rows.append((name, outcome, path, lasted, recording))
+    if not rows:
+        return []
+    note = (
+        "Scenario, method and number of the episode, with noise on the motors’ measured speeds. "
+        "A recording in the folder of results opens with"
+    )
+    header = ("episode", "outcome", "path length", "lasted", "recording")
+    return [ReportTable("Episodes", note, "rerun FILE.rrd", header, rows)]
+
+
 def timing_table(timings: TimingsFile) -> ReportTable:
-    """Return the table of the times of `analysis.reproduce`."""
+    """Return the table of the times of a reproduction's stages."""
     rows = [
         (
             name,
@@ -133,7 +161,7 @@ def timing_table(timings: TimingsFile) -> ReportTable:
     )
     rows.append(("all", f"{total:.1f} s", "", ""))
     header = ("stage", "time", "attempts", "")
-    return ReportTable("Time", note, "python -m analysis.reproduce", header, rows)
+    return ReportTable("Time", note, "minirobots reproduce", header, rows)
 
 
 def parameter_table() -> ReportTable:

@@ -59,7 +59,7 @@ MotorParameters = Annotated[
 
 def parse(
     options: type[Options],
-    module: str,
+    program: str,
     arguments: list[str] | None = None,
     default: Options | None = None,
 ) -> Options:
@@ -67,16 +67,15 @@ def parse(
 
     Args:
         options: dataclass; its docstrings are the help.
-        module: of the command; `minirobots` names it by its sub-command.
+        program: with which the usage begins, such as "minirobots run".
         arguments: of the command line, by default those of the process.
         default: what the command line changes, instead of the dataclass's own defaults.
     """
-    called = sys.argv[0] if sys.argv[0].startswith("minirobots ") else f"python -m {module}"
     config = (tyro.conf.FlagCreatePairsOff,)
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
-            parsed = tyro.cli(options, prog=called, args=arguments, default=default, config=config)
+            parsed = tyro.cli(options, prog=program, args=arguments, default=default, config=config)
     except SystemExit as end:
         # tyro takes a ConfigError, as every ValueError, for its own
         error: BaseException | None = end

@@ -1,6 +1,6 @@
 """Calibrations found again, and configurations with the motor speeds that they give.
 
-The trials are `cosim.calibration.measuring`; the command line is `cosim.calibrate`.
+The trials are `cosim.calibration.measuring`; the command line is `minirobots calibrate`.
 """
 
 from dataclasses import replace

@@ -203,5 +203,5 @@ def load_calibration(path: Path) -> Calibration:
     Raises:
         CalibrationError: it is missing or damaged.
     """
-    kind = Kind("calibration", "make it with `python -m cosim.calibrate`", CalibrationError)
+    kind = Kind("calibration", "make it with `minirobots calibrate`", CalibrationError)
     return Calibration(**read_arrays(path, kind, [field.name for field in fields(Calibration)]))

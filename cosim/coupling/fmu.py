@@ -66,7 +66,7 @@ class MotorFmu(Fmu):
     """
 
     noun, leniency = "motor FMU", ""
-    place, fix = "check the path given by --motor-fmu", "build one with `python -m fmus.build`"
+    place, fix = "check the path given by --motor-fmu", "build one with `minirobots fmu`"
 
     def __init__(self, path: Path, *, open_loop: bool = False) -> None:
         super().__init__(path)

@@ -89,7 +89,7 @@ class Signals(Mapping[str, Signal]):
         fix = (
             f"like it are {', '.join(near)}"
             if near
-            else "record with the defaults of `python -m cosim.run`"
+            else "record with the defaults of `minirobots run`"
         )
         raise SignalError(f"{self._origin} has no signal {name}; {fix}")
 
@@ -204,7 +204,7 @@ def read_episode(recording: Path | Kept) -> Episode:
     found = {match[2] for key in data.signals if (match := _ROBOT.match(key))}
     robots = sorted(found, key=lambda name: (len(name), name))  # r10 after r2
     if not robots or "episode" not in data.properties:
-        raise RecordingReadError(f"{path} holds no episode; record one with `python -m cosim.run`")
+        raise RecordingReadError(f"{path} holds no episode; record one with `minirobots run`")
     outcomes = [t for t in data.texts.get(OUTCOME, _NOTHING).texts if t != STILL_RUNNING]
     if len(outcomes) > 1:
         raise RecordingReadError(

@@ -126,8 +126,7 @@ def read_rrd(path: Path) -> RecordingData:
             except (RuntimeError, ValueError) as error:
                 broken = error
     raise RecordingReadError(
-        f"{path} is not a readable Rerun recording ({broken}); record one with "
-        "`python -m cosim.run`"
+        f"{path} is not a readable Rerun recording ({broken}); record one with `minirobots run`"
     )
 
 

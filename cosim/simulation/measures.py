@@ -1,7 +1,7 @@
 """Measures along an episode from samples of control periods: path, rotation, energy.
 
 Accumulated RL step by RL step, so that an episode need not be kept. Outcomes are the episode's
-(`cosim.simulation.episode`), statistics over episodes those of `cosim.evaluate`.
+(`cosim.simulation.episode`), statistics over episodes those of `minirobots evaluate`.
 """
 
 import math

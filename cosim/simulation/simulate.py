@@ -46,7 +46,7 @@ def simulate(
     signals: Sequence[int] = (),
     **options: Any,
 ) -> Episode:
-    """Simulate one episode: the first one of `python -m cosim.run --seed SEED`.
+    """Simulate one episode: the first one of `minirobots run --seed SEED`.
 
     >>> import minirobots as mr
     >>> class Upwards:
@@ -60,7 +60,7 @@ def simulate(
         policy: asked every 2 s of simulated time; or, one that commands motors, at the end of
             its control interval, see `cosim.simulation.driving`.
         seed: of start cells and speed noise.
-        driver: fmpy, compiled or reference, see `python -m cosim.run --help`.
+        driver: fmpy, compiled or reference, see `minirobots run --help`.
         record: summary, default or full: how much of the episode is kept.
         motor_fmu: of every motor, the built-in one by default.
         motor_parameters: of the motor FMU, set through FMI, in its units, such as {"J": 5e-9}.
@@ -70,7 +70,7 @@ def simulate(
             more than two seconds. None shows nothing.
         signals: numbers of the robots with kept signals, from 1; by default all of up to 64,
             else the first four. Of the others poses are kept.
-        options: physics by the names of `python -m cosim.run`, see `SimulationOptions`: `mu`,
+        options: physics by the names of `minirobots run`, see `SimulationOptions`: `mu`,
             `noise`, `speed` (mm/s), `dt` (s), `time_limit` (s), `shield` and so on.
 
     Returns:

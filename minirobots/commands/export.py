@@ -1,11 +1,10 @@
 """Write a recording for other programs."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
-from analysis.export.content import Format
 from cosim.base.progress import Progress, under_way
 from minirobots.options import CommandOptions, File
 
@@ -13,14 +12,13 @@ from minirobots.options import CommandOptions, File
 class Export(CommandOptions):
     """Write a recorded episode for programs without Rerun.
 
-    Every signal and state is written with its unit and time, next to the configuration: as a table
-    of rows (parquet, csv), as messages in order of time (mcap, which needs the extra export), or as
-    structs (mat).
+    Every signal and state is written with its unit and time as a table with a row per value.
+    Parquet has the configuration too.
     """
 
     recording: tyro.conf.Positional[Path]
     """Recording of an episode (.rrd or .rrd.part)."""
-    to: Format
+    to: Literal["parquet", "csv"]
     """Format to write."""
     out: File | None = None
     """File to write; by default next to the recording, with its name."""
@@ -34,8 +32,7 @@ class Export(CommandOptions):
 
 def run(options: Export, progress: Progress) -> dict[str, Any]:
     """Read the recording and write the selected signals."""
-    from analysis.export.content import chosen
-    from analysis.export.writing import export
+    from analysis.export import chosen, export
     from cosim.recording.reader import read_episode
 
     out = options.out or options.recording.with_suffix(f".{options.to}")

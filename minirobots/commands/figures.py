@@ -29,7 +29,7 @@ class Figures(CommandOptions):
     figures: tyro.conf.Positional[tuple[str, ...]] = (ALL,)
     """Figures to draw by name, or all."""
     results: Folder = Path("runs/reproduction/results")
-    """Folder of results, as `python -m analysis.reproduce` fills it."""
+    """Folder of results, as `minirobots reproduce` fills it."""
     out: Folder = Path("figures")
     """Folder to write to."""
     small: bool = False

@@ -1,7 +1,7 @@
-"""Build motors and robots as FMUs and SSP for other tools."""
+"""Build motors and robots as FMUs and SSP for other tools, or an FMU from its sources."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -30,6 +30,11 @@ class Build(CommandOptions):
     VibrationMotors, which needs FMI 3.0. Without --fmi FMI 3.0 FMUs are written under the models'
     names, which the co-simulation uses; with --fmi the names include the standard, as in
     VibrationMotor_fmi2.fmu.
+
+    With --sources the sources of an unpacked FMU, perhaps changed, are compiled for this machine,
+    and the FMU is packed again: get such a folder by `minirobots fmu motor --out .` and `python -m
+    zipfile -e VibrationMotor.fmu my_motor`. docs/own.md is a guide. Binaries of other platforms are
+    left out.
     """
 
     what: Annotated[
@@ -47,8 +52,15 @@ class Build(CommandOptions):
     """Platforms with binaries in the archive. A first build for Windows takes about a
     minute, every other build seconds."""
 
+    sources: Folder | None = None
+    """Folder of an unpacked FMI 3.0 FMU with sources/buildDescription.xml, to compile and pack as
+    an FMU of the folder's name."""
+
     def __post_init__(self) -> None:
         super().__post_init__()
+        others = self.what, self.fmi, self.model != MODELS, self.targets != ("host",)
+        if self.sources and any(others):
+            raise UserError("--sources is compiled for this machine only; leave other options out")
         if self.what and self.model != MODELS:
             raise UserError("--model has no effect where models are named first; leave one out")
         if self.what == ("ssp",) and self.fmi is not None:
@@ -75,8 +87,13 @@ def _paths(options: Build, model: Model) -> dict[Fmi, Path]:
     }
 
 
-def run(options: Build, progress: Progress) -> dict[str, list[str]]:
-    """Build the requested models."""
+def run(options: Build, progress: Progress) -> dict[str, Any]:
+    """Build the requested models, or pack the sources."""
+    if options.sources:
+        from minirobots.packing import pack
+
+        name = options.sources.resolve().name
+        return pack(options.sources, options.out / f"{name}.fmu", progress)
     from fmus.build import build_fmus
     from fmus.compiler import host_target
     from fmus.ssp.archive import build_ssp

@@ -17,7 +17,7 @@ class ObserveMoves(IsolatedOptions):
     """Observe moves of one robot in the co-simulation and keep what they did.
 
     The file lists every move (direction, heading, previous direction; Δcell, duration, where it
-    stopped); `python -m agent.train --moves FILE` trains with them.
+    stopped); `minirobots train --moves FILE` trains with them.
     """
 
     out: File = Path("runs/moves.json")

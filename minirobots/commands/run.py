@@ -42,7 +42,7 @@ class Run(NewFolder, Simulating):
     training.rrd and one recording per episode, to be opened in the Rerun viewer.
 
     fmpy loads the motor FMUs and steps them; python-control checks their speed
-    loop (analysis.motor_loop); Gymnasium and PettingZoo environments (agent.envs) give other
+    loop (minirobots motor-loop); Gymnasium and PettingZoo environments (agent.envs) give other
     learners the same boards; Rerun keeps and shows every signal.
     """
 

@@ -106,6 +106,6 @@ def test_train_takes_a_file_of_moves(moves, monkeypatch, tmp_path, capsys):
     arguments = ["--scenario", "1a", "--moves", str(tmp_path / "moves.json"), "--out"]
     short = ["--learning.episodes", "2000", "--learning.epsilon-episodes", "10", "--jobs", "1"]
     monkeypatch.setattr("sys.argv", ["train", *arguments, str(out), *short])
-    execute("train", "agent.train")
+    execute("train")
     (path,) = policy_paths(out)
     assert Policy.load(path).config.moves == moves

@@ -20,7 +20,7 @@ SHORT = ("--learning.episodes", "4000", "--learning.epsilon-episodes", "10")
 
 def spawn(out, *arguments):
     return subprocess.Popen(
-        [sys.executable, "-m", "agent.train", *arguments, "--jobs", "1", "--out", out],
+        [sys.executable, "-m", "minirobots", "train", *arguments, "--jobs", "1", "--out", out],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -52,7 +52,7 @@ def test_train_then_evaluate(command, tmp_path):
         "policy.npz", "policy.json", "training.npz", "training.rrd",
     }  # fmt: skip
     assert TrainingLog.load(out / "run_001" / "training.npz").episode[-1] == 4000
-    status, output, _ = command("evaluate-grid", out, "--json")
+    status, output, _ = command("evaluate", "--grid", out, "--json")
     assert status == 0
     report = json.loads(output.splitlines()[-1])
     for ours, theirs in zip(report["policies"], summary["policies"], strict=True):
@@ -137,7 +137,7 @@ def test_options_override_the_settings_file(tmp_path):
 def test_evaluate_refuses_what_is_no_policy(command, tmp_path):
     (tmp_path / "policy.npz").write_bytes(b"x")
     for path, message in [(tmp_path / "policy.npz", "damaged"), (tmp_path, "no run_")]:
-        status, _, errors = command("evaluate-grid", path)
+        status, _, errors = command("evaluate", "--grid", path)
         assert status == 2
         assert message in errors
 

@@ -94,7 +94,7 @@ def killed_recording(tmp_path_factory, run_folder):
     """What a run leaves that was killed while it wrote: kill -9, some RL steps written."""
     out = tmp_path_factory.mktemp("killed")
     part = out / "episodes" / "ep_000.rrd.part"
-    command = [sys.executable, "-m", "cosim.run", "--scenario", "2", "--out", str(out)]
+    command = [sys.executable, "-m", "minirobots", "run", "--scenario", "2", "--out", str(out)]
     command += ["--policy", str(run_folder / "policy.npz")]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
         while not (part.is_file() and part.stat().st_size > 1_000_000):

@@ -4,17 +4,13 @@ import csv
 import json
 import re
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pyarrow.parquet
 import pytest
-import scipy.io
-from mcap.reader import make_reader
 
 import analysis
-from analysis.export import messages, writing
-from analysis.export.content import Format
+from analysis.export import export
 from cosim.recording.reader import Episode, Signals
 from cosim.recording.rrd import Signal, Texts
 
@@ -63,41 +59,7 @@ def _add(found: Values, row) -> None:
     values.append(row["text"] if row["value"] is None else row["value"])
 
 
-def read_mcap(path) -> Values:
-    found: Values = {}
-    last = 0
-    with path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
-            assert message.log_time >= last
-            last = message.log_time
-            assert schema is not None
-            assert schema.encoding == "jsonschema"
-            for name, value in json.loads(message.data).items():
-                entry = (channel.metadata["unit"], [], [])
-                _, times, values = found.setdefault((channel.topic, name), entry)
-                times.append(message.log_time / 1e9)
-                values.append(value)
-    return found
-
-
-def read_mat(path) -> Values:
-    found: Values = {}
-    content = scipy.io.loadmat(path, simplify_cells=True)
-    for name, struct in content.items():
-        if name.startswith("__") or name == "facts":
-            continue
-        times = np.atleast_1d(struct["time_s"]).tolist()
-        if "texts" in struct:
-            texts = np.atleast_1d(struct["texts"]).tolist()
-            found[struct["path"], "text"] = "", times, texts
-            continue
-        columns = np.reshape(struct["values"], (len(times), -1)).T
-        for component, column in zip(np.atleast_1d(struct["components"]), columns, strict=True):
-            found[struct["path"], str(component)] = str(struct["unit"]), times, column.tolist()
-    return found
-
-
-READERS = {"parquet": read_parquet, "csv": read_csv, "mcap": read_mcap, "mat": read_mat}
+READERS = {"parquet": read_parquet, "csv": read_csv}
 
 
 @pytest.mark.parametrize("kind", READERS)
@@ -115,19 +77,11 @@ def test_every_value_is_read_back(command, recording, expected, kind, tmp_path):
 
 
 def test_what_was_run_comes_along(episode, tmp_path):
-    writing.export(episode, "parquet", tmp_path / "e.parquet")
+    export(episode, "parquet", tmp_path / "e.parquet")
     metadata = pyarrow.parquet.read_schema(tmp_path / "e.parquet").metadata
     from_parquet = json.loads(metadata[b"minirobots"])
-    writing.export(episode, "mat", tmp_path / "e.mat")
-    from_mat = json.loads(scipy.io.loadmat(tmp_path / "e.mat", simplify_cells=True)["facts"])
-    writing.export(episode, "mcap", tmp_path / "e.mcap")
-    with (tmp_path / "e.mcap").open("rb") as file:
-        (record,) = make_reader(file).iter_metadata()
-    assert record.name == "minirobots"
-    from_mcap = {name: json.loads(value) for name, value in record.metadata.items()}
-    assert from_parquet == from_mat == from_mcap
-    assert from_mat["facts"]["scenario"] == "2"
-    assert from_mat["parameters"]["mu"]["unit"] == "1"
+    assert from_parquet["facts"]["scenario"] == "2"
+    assert from_parquet["parameters"]["mu"]["unit"] == "1"
 
 
 def made_up(signals=None, texts=None) -> Episode:
@@ -145,22 +99,18 @@ def test_long_names_and_odd_values_survive(tmp_path):
     values = np.array([np.nan, np.inf])
     held = {f"{long}{k}": Signal(times, values, (), "m") for k in "ab"}
     episode = made_up(held, {"/log": Texts(times, ("one, two", 'a "quoted" word'))})
-    for kind in get_args(Format):
-        writing.export(episode, kind, tmp_path / f"e.{kind}")
-        found = READERS[kind](tmp_path / f"e.{kind}")
+    for kind, read in READERS.items():
+        export(episode, kind, tmp_path / f"e.{kind}")
+        found = read(tmp_path / f"e.{kind}")
         assert found["/log", "text"][2] == ["one, two", 'a "quoted" word'], kind
         for path in held:
             unit, _, (first, second) = found[path, "0"]
             assert unit == "m"
-            assert (first is None) if kind == "mcap" else np.isnan(first)
-            assert second == (None if kind == "mcap" else np.inf)
+            assert np.isnan(first)
+            assert second == np.inf
 
 
-def test_refusals_leave_nothing(command, recording, monkeypatch, tmp_path):
-    monkeypatch.setattr(messages, "find_spec", lambda _name: None)
-    lacking = command("export", recording, "--to", "mcap", "--out", tmp_path / "e.mcap")
-    assert (lacking.returncode, len(lacking.stderr.splitlines())) == (2, 1)
-    assert "--extra export" in lacking.stderr
+def test_refusals_leave_nothing(command, recording, tmp_path):
     unknown = command("export", recording, "--to", "xls", "--out", tmp_path / "e.xls")
     assert unknown.returncode == 2
     assert "parquet" in unknown.stderr + unknown.stdout

@@ -29,6 +29,20 @@ def test_every_result_figure_and_page_is_made(out):
     assert all(f'id="{figure}"' in page for figure in FIGURES)
 
 
+def test_report_is_written_again_from_existing_results(out, command):
+    page, timings = out / "report" / "index.html", out / "results" / "timings.json"
+    before, timed = page.read_text(encoding="utf-8"), timings.read_bytes()
+    page.unlink()
+    done = command("reproduce", "--out", out, "--report-only", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1]) == {"page": str(page)}
+    assert "not drawn" not in done.stderr
+    # The figures' own time is known only after the first page was written.
+    after = page.read_text(encoding="utf-8")
+    assert [line for line in before.splitlines() if line not in after] == []
+    assert timings.read_bytes() == timed
+
+
 def test_timings_are_of_every_stage(out):
     content = json.loads((out / "results" / "timings.json").read_text())
     assert set(content["stages"]) == {*RESULTS, "figures"}
@@ -48,7 +62,7 @@ def test_finished_stages_are_kept_and_lost_ones_made_again(out, tiny, monkeypatc
     before = kept.stat().st_mtime_ns, policy.stat().st_mtime_ns
     said: list[str] = []
     monkeypatch.setattr(stages, "draw_figures", lambda *_, **__: ({}, {}))
-    monkeypatch.setattr(stages, "write_report", lambda _, out: out)
+    monkeypatch.setattr(stages, "write_report", lambda *_: out)
     reproduce(out, tiny, seed=0, jobs=1, say=said.append)
     assert sum("finished before" in text for text in said) == len(RESULTS) - 2
     assert lost.is_file()
@@ -66,6 +80,8 @@ def test_other_profiles_and_seeds_are_refused(out, tiny):
         Reproduce(out=out, jobs=0)
     with pytest.raises(UserError, match="--seed must not be negative"):
         Reproduce(out=out, seed=-1)
+    with pytest.raises(UserError, match="no effect with --report-only"):
+        Reproduce(out=out, report_only=True, quick=True)
 
 
 def test_interrupted_stage_is_not_finished_and_its_time_counts(tmp_path, tiny):

@@ -19,7 +19,9 @@ def run_folder(tmp_path_factory):
     """A short run of the main command."""
     out = tmp_path_factory.mktemp("viewer") / "run"
     brief = ("--train-episodes", "20000", "--time-limit", "4", "--out", str(out))
-    subprocess.run([sys.executable, "-m", "cosim.run", *brief], check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, "-m", "minirobots", "run", *brief], check=True, capture_output=True
+    )
     return out
 
 
@@ -75,7 +77,7 @@ def test_missing_drivers_end_in_a_sentence(tmp_path, monkeypatch):
         stream.save(tmp_path / "a.rrd")
         stream.log("a", rr.Scalars(1.0))
     done = subprocess.run(
-        [sys.executable, "-m", "analysis.screenshot", "a.rrd"],
+        [sys.executable, "-m", "minirobots", "screenshot", "a.rrd"],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
         capture_output=True,

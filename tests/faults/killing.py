@@ -17,7 +17,7 @@ from pyarrow import parquet
 from cosim.base.storage import cache_dir
 from cosim.recording.rrd import read_rrd
 
-CACHED = ("kernels", "calibrations", "fmus", "moves", "policies", "bounds", "web_viewer")
+CACHED = ("kernels", "calibrations", "fmus", "moves", "policies", "bounds")
 # What depends on the clock, by its name in JSON.
 OF_THE_CLOCK = {
     "attempts", "cores", "episode_wall_s", "issued", "realtime_factor", "seconds",
@@ -32,6 +32,18 @@ scenario = "1a"
 episodes = 4
 noise = [0.0, 0.05]
 time_limit = 20.0
+"""
+# Draws results that are elsewhere.
+REPORT = """
+import sys
+from pathlib import Path
+from minirobots.__main__ import main
+results, out = map(Path, sys.argv[1:])
+out.mkdir(parents=True, exist_ok=True)
+if not (out / "results").exists():
+    (out / "results").symlink_to(results)
+sys.argv = ["minirobots", "reproduce", "--out", str(out), "--report-only"]
+main()
 """
 TINY = """
 import runpy, sys
@@ -180,10 +192,10 @@ def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
     sweep = ("train", "--runs", "3", "--jobs", "2", *short)
     conftest = Path(__file__).parents[1] / "analysis" / "conftest.py"
     return {
-        "training": Case(("-m", "agent.train", "--jobs", "1", "--out", "OUT", *short)),
+        "training": Case(("-m", "minirobots", "train", "--jobs", "1", "--out", "OUT", *short)),
         "sweep": Case(("-m", "minirobots", *sweep, "--out", "OUT")),
         "evaluation": Case(
-            ("-m", "cosim.evaluate", str(policy), "--starts", "8", "--recordings", "1",
+            ("-m", "minirobots", "evaluate", str(policy), "--starts", "8", "--recordings", "1",
              "--time-limit", "20", "--jobs", "2", "--out", "OUT")
         ),
         "certification": Case(
@@ -192,19 +204,21 @@ def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
              "--out", "OUT")
         ),
         "robustness": Case(
-            ("-m", "cosim.robustness", "--quick", "--scenario", "1a", "--methods", "paper",
+            ("-m", "minirobots", "robustness", "--quick", "--scenario", "1a", "--methods", "paper",
              "--axes", "nothing", "tilt", "--jobs", "2", "--out", "OUT")
         ),
-        "validation": Case(("-m", "cosim.validation", "--quick", "--jobs", "2", "--out", "OUT")),
+        "validation": Case(
+            ("-m", "minirobots", "validate", "--quick", "--jobs", "2", "--out", "OUT")
+        ),
         "study": Case(("-m", "minirobots", "study", str(study), "--jobs", "2", "--out", "OUT")),
         "transfer": Case(
-            ("-m", "cosim.transfer", "--quick", "--scenarios", "1a", "--methods", "paper",
+            ("-m", "minirobots", "transfer", "--quick", "--scenarios", "1a", "--methods", "paper",
              "--jobs", "2", "--out", "OUT")
         ),
-        "report": Case(("-m", "analysis.report", "--results", str(results), "--out", "OUT")),
-        "FMU": Case(("-m", "fmus.build", "--model", "VibrationMotor", "--out", "OUT")),
+        "report": Case(("-c", REPORT, str(results), "OUT")),
+        "FMU": Case(("-m", "minirobots", "fmu", "--model", "VibrationMotor", "--out", "OUT")),
         "kernels": Case(
-            ("-m", "agent.train", "--jobs", "1", "--out", "OUT", "--scenario", "1a",
+            ("-m", "minirobots", "train", "--jobs", "1", "--out", "OUT", "--scenario", "1a",
              "--learning.episodes", "2000"),
             ("kernels", "policies", "bounds"),
         ),

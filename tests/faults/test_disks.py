@@ -16,12 +16,12 @@ from tests.faults.killing import CACHED, REMADE, Case, Workplace, errors_of, wit
 DAC_OVERRIDE, DAC_READ_SEARCH, PR_CAPBSET_DROP = 1, 2, 24
 FULL_BYTES = 1000
 DISK_BYTES = 1 << 20  # of a disk
-TRAIN = ("-m", "agent.train", "--jobs", "1", "--scenario", "1a", "--learning.episodes", "2000",
-         "--learning.epsilon-episodes", "10")  # fmt: skip
+TRAIN = ("-m", "minirobots", "train", "--jobs", "1", "--scenario", "1a",
+         "--learning.episodes", "2000", "--learning.epsilon-episodes", "10")  # fmt: skip
 COMMANDS = {
     "excitation": ("-m", "minirobots", "identify-robot", "--excite", "OUT/a.csv"),
     "training": (*TRAIN, "--out", "OUT/a"),
-    "FMU": ("-m", "fmus.build", "--model", "VibrationMotor", "--out", "OUT/a"),
+    "FMU": ("-m", "minirobots", "fmu", "--model", "VibrationMotor", "--out", "OUT/a"),
 }
 MARKED = [pytest.param(name, marks=pytest.mark.faults) for name in COMMANDS]
 ALL = ["excitation", *MARKED[1:]]  # the first one costs little
@@ -151,7 +151,7 @@ def test_a_cache_on_a_disk_that_fills(tmp_path, megabytes):
     Where this user may not mount anything, a limit of file sizes stands in for the disk.
     """
     arguments = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
-    case = Case(("-m", "cosim.run", "--scenario", "1a", "--out", "OUT", *arguments), CACHED)
+    case = Case(("-m", "minirobots", "run", "--scenario", "1a", "--out", "OUT", *arguments), CACHED)
     place, other = Workplace(tmp_path / "full", case), Workplace(tmp_path / "other", case)
     size = f"size={megabytes}m"
     mount = ("mount", "-t", "tmpfs", "-o", size, "tmpfs", str(place.cache))
@@ -190,9 +190,9 @@ def test_a_cache_on_a_disk_that_fills(tmp_path, megabytes):
 def test_a_disk_without_room_for_a_recording(tmp_path, disk):
     """What a recording needs is looked for before it begins."""
     prepare, _ = disk(900_000)
-    place = Workplace(tmp_path / "work", Case(("-m", "cosim.run"), ()))
+    place = Workplace(tmp_path / "work", Case(("-m", "minirobots", "run"), ()))
     done = subprocess.run(
-        [sys.executable, "-m", "cosim.run", "--scenario", "1a", "--method", "shortest",
+        [sys.executable, "-m", "minirobots", "run", "--scenario", "1a", "--method", "shortest",
          "--time-limit", "4", "--out", tmp_path / "out"],
         capture_output=True, text=True, env=place.environment, preexec_fn=prepare, check=False,
     )  # fmt: skip

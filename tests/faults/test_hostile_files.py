@@ -372,7 +372,7 @@ MOVES = {
 # By kind of file: its name, the hostile ones, and the command that meets it.
 KINDS = {
     "fmu": ("mine.fmu", FMUS, ("run", "--no-isolate", "--scenario", "1a", "--motor-fmu")),
-    "policy": ("policy.npz", POLICIES, ("evaluate-grid",)),
+    "policy": ("policy.npz", POLICIES, ("evaluate", "--grid")),
     "scenario": ("mine.toml", SCENARIOS, ("train", "--scenario")),
     "world": ("world.toml", WORLDS, ("run", "--world")),
     "preset": ("machine.toml", PRESETS, ("run", "--preset")),

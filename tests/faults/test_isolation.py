@@ -84,7 +84,7 @@ def begin(faulty_fmu, tmp_path_factory):
         nonlocal number
         number += 1
         out = folder / f"run{number}"
-        command = [sys.executable, "-m", "cosim.run", "--scenario", folder / "one.toml"]
+        command = [sys.executable, "-m", "minirobots", "run", "--scenario", folder / "one.toml"]
         command += ["--method", "paper", "--train-episodes", "2000", "--out", out]
         command += ["--motor-fmu", faulty_fmu, "--time-limit", time_limit, *options]
         words = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
@@ -142,7 +142,7 @@ def test_a_crash_in_a_calibration_is_named(begin):
 
 @pytest.mark.long
 def test_a_crash_in_a_motor_test_is_named(faulty_fmu, tmp_path):
-    command = [sys.executable, "-m", "analysis.motor_test", "--motor-fmu", faulty_fmu]
+    command = [sys.executable, "-m", "minirobots", "motor-test", "--motor-fmu", faulty_fmu]
     command += ["--out", tmp_path / "test.rrd"]
     environment = os.environ | {"FAULT": "crash", "FAULT_FROM": "0.005"}
     ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)

@@ -145,7 +145,7 @@ def test_interrupted(undisturbed, tmp_path, name, how):
 def test_four_at_once_with_an_empty_cache(tmp_path):
     """Kernels, FMU, calibration and policy are made by one of them, and all find the same."""
     arguments = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
-    case = Case(("-m", "cosim.run", "--out", "OUT", *arguments), CACHED)
+    case = Case(("-m", "minirobots", "run", "--out", "OUT", *arguments), CACHED)
     places = [Workplace(tmp_path / str(k), case) for k in range(5)]
     for place in places:
         place.environment["MINIROBOTS_CACHE"] = str(places[0].cache)

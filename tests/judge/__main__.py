@@ -136,7 +136,7 @@ def markdown(verdicts: "Sequence[Verdict]") -> str:
 
 def main() -> None:
     """Command line; see `Judge`."""
-    options = parse(Judge, "tests.judge")
+    options = parse(Judge, "python -m tests.judge")
     from cosim.base.progress import progress_bars
     from cosim.base.storage import replacing, write_json
     from cosim.base.table import show_texts

@@ -1,4 +1,4 @@
-"""The command pack: what it refuses; test_tutorial.py runs docs/own.md, which uses it."""
+"""Packing an FMU from its sources: what is refused; test_tutorial.py runs docs/own.md with it."""
 
 import pytest
 
@@ -15,7 +15,7 @@ def test_other_folders_are_refused(files, message, tmp_path, command):
     (tmp_path / "mine" / "sources").mkdir(parents=True)
     for name, content in files.items():
         (tmp_path / "mine" / name).write_text(content)
-    done = command("pack", tmp_path / "mine")
+    done = command("fmu", "--sources", tmp_path / "mine", "--out", tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     assert message in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
@@ -28,7 +28,7 @@ def test_errors_of_the_compiler_are_shown(tmp_path, command):
     assert command("fmu", "motor", "--out", tmp_path).returncode == 0
     ZipFile(tmp_path / "VibrationMotor.fmu").extractall(tmp_path / "mine")
     (tmp_path / "mine" / "sources" / "motor.h").write_text("int x = ;\n")
-    done = command("pack", tmp_path / "mine")
+    done = command("fmu", "--sources", tmp_path / "mine", "--out", tmp_path)
     assert done.returncode == 2
     assert "the C compiler failed" in done.stderr and "motor.h:1" in done.stderr
     assert not (tmp_path / "mine.fmu").exists()

@@ -1,4 +1,4 @@
-"""Result file of `python -m cosim.platform`: the data of Fig. 3, and a table of speeds."""
+"""Result file of `minirobots platform`: the data of Fig. 3, and a table of speeds."""
 
 import math
 from pathlib import Path
@@ -25,7 +25,7 @@ from cosim.model.params import FIG_3, TABLE_I, TABLE_II, MotorParams, RobotParam
 TABLE_MU = (0.1, 0.15, 0.2, 0.3, 0.4)
 TABLE_OMEGA = (700.0, 800.0, 900.0, 1000.0, 1100.0)
 POINTS_PER_CYCLE = 720
-_FILE = Kind("result of `python -m cosim.platform`", "write one with --out", PlatformError)
+_FILE = Kind("result of `minirobots platform`", "write one with --out", PlatformError)
 
 
 class Motion(NamedTuple):

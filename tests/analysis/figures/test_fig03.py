@@ -1,4 +1,4 @@
-"""Fig. 3 from a result file of `cosim.platform`, and what is said of other files."""
+"""Fig. 3 from a result file of `minirobots platform`, and what is said of other files."""
 
 import numpy as np
 import pytest
@@ -23,10 +23,10 @@ def test_curves_are_those_of_the_file(results):
 
 
 def test_files_that_are_no_results_are_named(tmp_path):
-    with pytest.raises(PlatformError, match=r"none\.npz: no such result of `python -m"):
+    with pytest.raises(PlatformError, match=r"none\.npz: no such result of `minirobots"):
         PlatformResult.load(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("not a result")
-    with pytest.raises(PlatformError, match=r"not a result of `python -m cosim\.platform`"):
+    with pytest.raises(PlatformError, match=r"not a result of `minirobots platform`"):
         PlatformResult.load(tmp_path / "text.npz")
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
     with pytest.raises(PlatformError, match="not a result"):

@@ -59,7 +59,7 @@ def test_missing_results_are_named_with_their_command(tmp_path, command):
     out = ("--results", tmp_path, "--out", tmp_path / "out", "--small")
     page = command("figures", "all", *out).stdout
     for name, needed in FIGURES.items():
-        expected = f"not drawn: {name}: run `python -m " if needed else f"{name}.png"
+        expected = f"not drawn: {name}: run `minirobots " if needed else f"{name}.png"
         assert expected in page
     strict = command("figures", "fig03", "fig05", *out, "--strict")
     assert (strict.returncode, "leave out --strict" in strict.stderr) == (2, True)
@@ -73,7 +73,7 @@ def test_damaged_results_leave_the_other_figures(tmp_path, command):
         "figures", "fig03", "fig05", "--results", tmp_path, "--out", tmp_path / "o"
     ).stdout
     assert "not drawn: fig03" in page
-    assert "not a result of `python -m cosim.platform`" in page
+    assert "not a result of `minirobots platform`" in page
 
 
 def test_unknown_figures_are_refused(command):

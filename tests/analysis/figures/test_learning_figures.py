@@ -115,7 +115,7 @@ def test_fig05_draws_every_scenario():
 
 
 def test_other_folders_are_refused(results, tmp_path):
-    with pytest.raises(ResultError, match=r"run `python -m agent.experiments fig08"):
+    with pytest.raises(ResultError, match=r"run `minirobots experiments fig08"):
         read_experiment("fig08", tmp_path)
     copy = RESULTS["fig08"].location(tmp_path)
     shutil.copytree(RESULTS["fig11"].location(results), copy)

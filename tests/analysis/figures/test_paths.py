@@ -53,9 +53,9 @@ def test_one_board_holds_all_tracks_of_one_robot(results):
 
 
 def test_missing_recordings_are_named(tmp_path):
-    with pytest.raises(FigureError, match=r"run `python -m cosim\.run --scenario 1a"):
+    with pytest.raises(FigureError, match=r"run `minirobots run --scenario 1a"):
         paths.fig09(tmp_path)
-    with pytest.raises(FigureError, match=r"run `python -m cosim\.run --scenario 2"):
+    with pytest.raises(FigureError, match=r"run `minirobots run --scenario 2"):
         motor_cycle.make(tmp_path)
 
 

@@ -1,4 +1,4 @@
-"""The figure of `cosim.transfer` from a small table, and what is said of other files."""
+"""The figure of `minirobots transfer` from a small table, and what is said of other files."""
 
 import msgspec
 import numpy as np
@@ -62,7 +62,7 @@ def test_rows_without_episodes_are_left_out(rows, write_transfer):
 
 
 def test_other_files_are_refused(tmp_path):
-    with pytest.raises(ResultError, match=r"no such result of `python -m cosim\.transfer`"):
+    with pytest.raises(ResultError, match=r"no such result of `minirobots transfer`"):
         transfer_figure.make(tmp_path)
     for content in ("no table", [], {}, {"rows": [{"success": 1.0}]}):
         write_json(RESULTS["transfer"].proof_in(tmp_path), content)

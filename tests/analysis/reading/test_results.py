@@ -1,10 +1,9 @@
 """The layout of results: every figure's inputs are defined, and every command exists."""
 
-import importlib.util
-
 import pytest
 
 from analysis.reading.results import FIGURES, RESULTS, missing, recordings
+from minirobots.runner import module_of
 
 
 def test_figures_are_drawn_from_defined_results():
@@ -16,9 +15,9 @@ def test_figures_are_drawn_from_defined_results():
 @pytest.mark.parametrize("name", ["platform", "motor_test", "fig08", "episodes_4_paper"])
 def test_commands_exist_and_name_the_place(name, tmp_path):
     result = RESULTS[name]
-    assert importlib.util.find_spec(result.module) is not None
+    assert module_of(result.maker).run
     assert result.command(tmp_path).endswith(f"--out {tmp_path / result.path}")
-    assert result.command(tmp_path).startswith(f"python -m {result.module} ")
+    assert result.command(tmp_path).startswith(f"minirobots {result.maker} ")
 
 
 def test_what_is_missing_is_what_has_no_proof(tmp_path):

@@ -19,9 +19,7 @@ SHOWN = r"a\u001b]0;title\u0007\u001b[2J\u202eb\u2066\u009b\u000d\udcffä" + "\n
 SLOW = "print('importing', flush=True)\nwhile True: pass\n"
 COMMANDS = {
     "cosim": ["-m", "cosim.run"],
-    "agent": ["-m", "agent.train"],
-    "analysis": ["-m", "analysis.inspect"],
-    "fmus": ["-m", "fmus.build"],
+    "analysis": ["-m", "analysis.reproduce"],
     "sub-command": ["-m", "minirobots", "run"],
     "script": ["-c", "import sys; from minirobots.__main__ import main; sys.exit(main())", "run"],
 }

@@ -1,4 +1,4 @@
-"""Derivatives of the platform in closed form, and the answers of `python -m cosim.design`."""
+"""Derivatives of the platform in closed form, and the answers of `minirobots design`."""
 
 import json
 import math

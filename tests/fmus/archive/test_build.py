@@ -281,7 +281,7 @@ def check_libraries(paths: list[Path], targets: list[str]) -> None:
 
 @pytest.mark.long
 def test_command_writes_the_named_files(command, tmp_path):
-    line = [sys.executable, "-m", "fmus.build", "--out", str(tmp_path), "--fmi", "both"]
+    line = [sys.executable, "-m", "minirobots", "fmu", "--out", str(tmp_path), "--fmi", "both"]
     run = subprocess.run(line, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert {p.name for p in tmp_path.iterdir()} == {

@@ -1,34 +1,25 @@
-"""Compile the sources of an unpacked FMU and pack it again."""
+"""Compiles the sources of an unpacked FMU and packs it again."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import tyro
+from typing import TYPE_CHECKING, Any
 
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, under_way
-from minirobots.options import CommandOptions
 
 if TYPE_CHECKING:
     from fmpy.model_description import BuildConfiguration
 
 
-class Pack(CommandOptions):
+def pack(folder: Path, out: Path, progress: Progress) -> dict[str, Any]:
     """Compile the sources of an unpacked FMU for this machine, and pack it again.
 
-    The folder holds what an FMI 3.0 archive does, with sources/buildDescription.xml. Get one by
-    `minirobots fmu motor --out .` and `python -m zipfile -e VibrationMotor.fmu my_motor`.
-    docs/own.md is a guide. Binaries of other platforms are left out.
-    """
+    Args:
+        folder: of the unpacked FMU.
+        out: FMU to write.
+        progress: receives that it is compiled.
 
-    folder: Annotated[Path, tyro.conf.Positional]
-    """Folder of the unpacked FMU."""
-    out: Path | None = None
-    """FMU to write; by default the folder's name with .fmu, next to it."""
-
-
-def run(options: Pack, progress: Progress) -> dict[str, Any]:
-    """Compile and pack.
+    Returns:
+        The FMU, and its inputs and outputs.
 
     Raises:
         UserError: the folder is no unpacked FMI 3.0 FMU with sources, the compiler failed, or the
@@ -36,12 +27,9 @@ def run(options: Pack, progress: Progress) -> dict[str, Any]:
     """
     import fmpy
 
-    from cosim.base.storage import named
     from cosim.fmi.fmu import Fmu
     from fmus.archive import write_archive
 
-    folder = options.folder
-    out = named(options.out or folder.with_suffix(".fmu"), ".fmu")
     try:
         configurations = fmpy.model_description.read_build_description(folder)
     except Exception as error:  # fmpy raises plain Exceptions and those of XML

@@ -1,1 +1,0 @@
-"""Many recordings as a table in the Rerun viewer."""

@@ -1,1 +1,0 @@
-"""Recordings for programs without Rerun: every signal with its unit and time."""
