@@ -31,7 +31,7 @@ from cosim.coupling.signals import (
 from cosim.fmi.isolation import calling
 from cosim.model.config import CoSimConfig
 from cosim.model.params import MotorParams
-from cosim.onboard.camera import FRAME_SIZE, NOISE, camera_of, frames_in_flight
+from cosim.onboard.camera import NOISE, camera_of, frames_in_flight
 from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
 from cosim.physics.rotation import Vector, headings
@@ -94,12 +94,10 @@ class Trial:
             self._motors.restart([robot], (pair,))
         self._state.running[:] = 1
         if sight is not None:
-            sensor, columns = config.world.camera, self._state.bodies.shape[1]
-            frames = np.zeros((columns, frames_in_flight(sensor), FRAME_SIZE))
+            sensor, room = config.world.camera, np.zeros((len(sight), columns, NOISE))
+            self._state = with_room(self._state, frames=frames_in_flight(sensor))
+            self._state = self._state._replace(sight=room)
             self._state.cameras[:n] = camera_of(sensor, config.timing.control_period_s)
-            self._state = self._state._replace(
-                frames=frames, sight=np.zeros((len(sight), columns, NOISE))
-            )
             self._state.sight[:, :n] = sight
         self.estimates = self._state.estimates[:n]
         self.bodies, self.commands = self._state.bodies[:, :n], self._state.commands[:n]
@@ -119,7 +117,7 @@ class Trial:
 
     def lay(self, patches: np.ndarray) -> None:
         """Put a floor of its own under each robot: (N, P, 5), see `State.patches`."""
-        self._state = with_room(self._state, 0, patches.shape[1])
+        self._state = with_room(self._state, patches=patches.shape[1])
         self._state.patches[: len(patches)] = patches
 
     def ticks(self, count: int) -> RawSamples:

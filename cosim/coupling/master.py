@@ -13,7 +13,6 @@ every communication step, one body after the other.
 
 import ctypes
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from fmpy.fmi1 import FMICallException
@@ -71,10 +70,17 @@ class NotFiniteError(UserError):
         return self
 
 
-class Driver(Protocol):
-    """Advances the coupled system."""
+class Driver:
+    """Advances the coupled system.
 
-    motors: Motors
+    Attributes:
+        motors: of all robots.
+        lanes: bodies in a vector; divides the columns of the state.
+    """
+
+    def __init__(self, motors: Motors, lanes: int = 1) -> None:
+        self.motors = motors
+        self.lanes = lanes
 
     def advance(
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
@@ -92,63 +98,49 @@ class Driver(Protocol):
             FmuError: an FMU refused a call; names the instance, the time and its log message.
             NotFiniteError: a signal is no finite number any more.
         """
-        ...
+        raise NotImplementedError
 
 
-class ReferenceDriver:
-    """Steps the FMUs through fmpy's Python classes."""
-
-    def __init__(self, motors: Motors) -> None:
-        self.motors = motors
+class ReferenceDriver(Driver):
+    """Steps the FMUs through fmpy's Python classes, and one body after the other."""
 
     def advance(
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
     ) -> None:
         """See `Driver.advance`."""
-        tick, dt = 0, plant.body.dt
+        tick, dt, count = 0, plant.body.dt, plant.ticks_per_step
         for period in range(len(noise)):
             begin_period(plant, state, noise[period], 1)
             self.motors.set_inputs(state.inputs, dt)
-            end = tick + plant.ticks_per_period
-            while tick < end:
-                tick += self._step(plant, state, raw, tick, end)
+            for _ in range(plant.ticks_per_period // count):
+                begin_step(plant, state)
+                self.motors.step(count, dt)
+                self.motors.get_outputs(state.outputs, dt)
+                for k in range(count):
+                    for column in np.flatnonzero(state.busy).tolist():
+                        if not step_robots(plant, state, column, k, _ONE):
+                            raise NotFiniteError(state, tick)
+                    push_bodies(plant, state)
+                    if tick < len(raw.omega):
+                        sample_tick(plant, state, raw, tick)
+                    tick += 1
+                if plant.reaction:
+                    react(plant, state)
+                    self.motors.set_inputs(state.inputs, dt)
             self.motors.get_electrical(state.electrical, dt)
             if not end_period(plant, state, samples, period):
                 break
         restore_ended(plant, state)
 
-    def _step(self, plant: Plant, state: State, raw: RawSamples, tick: int, end: int) -> int:
-        """One communication step from `tick`, at most to `end`; returns the ticks it took."""
-        dt, count = plant.body.dt, plant.ticks_per_step
-        begin_step(plant, state)
-        self.motors.step(count, dt)
-        self.motors.get_outputs(state.outputs, dt)
-        for k in range(count):
-            for column in np.flatnonzero(state.busy).tolist():
-                if not step_robots(plant, state, column, k, _ONE):
-                    raise NotFiniteError(state, tick + k)
-            push_bodies(plant, state)
-            if tick + k < len(raw.omega):
-                sample_tick(plant, state, raw, tick + k)
-        if plant.reaction:
-            react(plant, state)
-            self.motors.set_inputs(state.inputs, dt)
-        return count
 
-
-class CompiledDriver:
+class CompiledDriver(Driver):
     """Steps the FMUs by calling their C functions from a compiled loop, bodies in lanes.
 
     Attributes:
-        lanes: bodies in a vector; divides the columns of the state.
         calls: the motors' functions, where they are called in another way than by `motors.calls`.
     """
 
     calls: Calls | None = None
-
-    def __init__(self, motors: Motors, lanes: int = 1) -> None:
-        self.motors = motors
-        self.lanes = lanes
 
     def advance(
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples

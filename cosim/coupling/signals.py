@@ -259,25 +259,30 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
     return state
 
 
-def with_room(state: State, obstacles: int, patches: int, forbidden: int = 0) -> State:
-    """Copy of a state with room for more rectangles.
+def with_room(
+    state: State, obstacles: int = 0, patches: int = 0, forbidden: int = 0, frames: int = 0
+) -> State:
+    """Copy of a state with room for more rectangles and frames.
 
     Args:
         state: to be enlarged.
         obstacles, patches: least number of every episode.
-        forbidden: least number of every robot.
+        forbidden, frames: least number of every robot.
     """
 
-    def enlarged(rectangles: np.ndarray, count: int) -> np.ndarray:
-        rows, present, size = rectangles.shape
-        missing = np.full((rows, max(0, count - present), size), np.inf)
-        return np.concatenate([rectangles, missing], axis=1)
+    def enlarged(array: np.ndarray, count: int, empty: float = np.inf) -> np.ndarray:
+        rows, present, size = array.shape
+        missing = np.full((rows, max(0, count - present), size), empty)
+        return np.concatenate([array, missing], axis=1)
 
     walls = enlarged(state.obstacles, obstacles)
-    near = np.zeros((state.bodies.shape[1] * walls.shape[1], 2), dtype=np.int64)
-    floor = enlarged(state.patches, patches)
-    cells = enlarged(state.forbidden, forbidden)
-    return state._replace(obstacles=walls, near_walls=near, patches=floor, forbidden=cells)
+    return state._replace(
+        obstacles=walls,
+        near_walls=np.zeros((state.bodies.shape[1] * walls.shape[1], 2), dtype=np.int64),
+        patches=enlarged(state.patches, patches),
+        forbidden=enlarged(state.forbidden, forbidden),
+        frames=enlarged(state.frames, frames, 0.0),
+    )
 
 
 def columns_of(robots: int, lanes: int) -> int:

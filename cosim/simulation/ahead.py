@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from cosim.base.command import workers
 from cosim.base.jit import is_compiled
 from cosim.coupling.master import run_periods
-from cosim.simulation.batch import DRIVERS, places_for
+from cosim.simulation.batch import places_for
 
 # Only what is compiled is imported. FMUs and parameters make no difference to kernels.
 _COMPILE = """
@@ -22,7 +22,7 @@ Batch(cached_fmu(), CoSimConfig(), robots={robots}, places={places}, driver="{dr
 
 @contextlib.contextmanager
 def compiling_ahead(
-    robots: int, driver: str = DRIVERS[0], episodes: int = 1, threads: int = 1
+    robots: int, driver: str = "fmpy", episodes: int = 1, threads: int = 1
 ) -> Iterator[subprocess.Popen | None]:
     """Have a second process compile the co-simulation if it never was, and if a core is free.
 

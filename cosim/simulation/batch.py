@@ -53,18 +53,16 @@ from cosim.physics.lanes import host_lanes
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.measures import PATH_SAMPLING_S, Measures
 
-DRIVERS = ("fmpy", "compiled", "reference")
+DRIVERS: dict[str, type[Driver]] = {
+    "fmpy": FmpyDriver,
+    "compiled": CompiledDriver,
+    "reference": ReferenceDriver,
+}
 IN_LANES = ("fmpy", "compiled")
 
 # Robots that a batch has room for: two vectors of eight lanes, four of four. More would share the
 # cost of a call to the motors further, fewer wait for the last episode of a series.
 ROBOTS_TOGETHER = 16
-
-
-def _driver(name: str, motors: Motors, lanes: int) -> Driver:
-    if name == "reference":
-        return ReferenceDriver(motors)
-    return {"fmpy": FmpyDriver, "compiled": CompiledDriver}[name](motors, lanes)
 
 
 def places_for(driver: str, robots: int, tasks: int, threads: int) -> int:
@@ -162,7 +160,7 @@ class Batch:
             lanes = 2 if places * robots <= 2 else host_lanes()
         columns = columns_of(places * robots, lanes)
         self._motors = Motors(fmu, config, columns, sampled=driver == "fmpy")
-        self._driver = _driver(driver, self._motors, lanes)
+        self._driver = DRIVERS[driver](self._motors, lanes)
         self._plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
         self.state = new_state(places, robots, columns)
         self.state.properties[:] = robot_properties(config)[:, None]
@@ -217,8 +215,7 @@ class Batch:
         for signals in rows:
             signals[:, columns] = 0.0  # nothing is left of the episode before
         state.boards[place], state.cells_m[place] = scenario.size_m, scenario.cell_m
-        self._make_room_for_frames(frames_in_flight(config.world.camera))
-        self._put_rectangles(place, scenario, config)
+        self._make_room(place, scenario, config)
         phases = motor_phases(config.world, self.robots)
         episode = kind(scenario, config, self.state, columns, starts, seed, sampled)
         self._motors.restart(range(columns.start, columns.stop), episode.drawn.motors, phases)
@@ -227,11 +224,13 @@ class Batch:
         self.episodes[place] = episode
         return episode
 
-    def _put_rectangles(self, place: int, scenario: Scenario, config: CoSimConfig) -> None:
+    def _make_room(self, place: int, scenario: Scenario, config: CoSimConfig) -> None:
+        """Put the rectangles of an episode in place, and make room for frames of its camera."""
         walls, patches = scenario.walls * scenario.cell_m, floor_patches(scenario, config)
         closed, columns = scenario.closed * scenario.cell_m, self._columns(place)
         targets, owners = scenario.parking
-        self.state = with_room(self.state, len(walls), len(patches), closed.shape[1])
+        frames = frames_in_flight(config.world.camera)
+        self.state = with_room(self.state, len(walls), len(patches), closed.shape[1], frames)
         self.state.obstacles[place] = self.state.patches[place] = np.inf
         self.state.obstacles[place, : len(walls)] = walls
         self.state.forbidden[columns] = np.inf
@@ -239,13 +238,6 @@ class Batch:
         self.state.targets[columns] = targets * scenario.cell_m
         self.state.owners[columns] = columns.start + owners
         self.state.patches[place, : len(patches)] = patches
-
-    def _make_room_for_frames(self, frames: int) -> None:
-        columns, present, size = self.state.frames.shape
-        if frames > present:
-            larger = np.zeros((columns, frames, size))
-            larger[:, :present] = self.state.frames
-            self.state = self.state._replace(frames=larger)
 
     def advance(self, actions: Mapping[int, np.ndarray]) -> dict[int, Step]:
         """Simulate one RL step of all running episodes.

@@ -88,9 +88,7 @@ class RunningEpisode:
         """
         n = scenario.robots
         self.sampled = sampled_of(n) if sampled is None else sampled
-        self._taken: list[
-            tuple[Samples, RawSamples, np.ndarray, tuple[np.ndarray, np.ndarray]]
-        ] = []
+        self._taken: list[tuple[Samples, RawSamples, np.ndarray, np.ndarray, np.ndarray]] = []
         self.scenario, self.config = scenario, config
         self.drawn = draw_world(config.world, config.motor, n, seed)
         down = gravity(config.world, self.drawn, config.motor.g, config.portable)
@@ -211,12 +209,12 @@ class RunningEpisode:
             since = self._tick // self.config.ticks_per_period
             rows = slice(-(since + 1) % every, None, every)
             poses = np.concatenate([path_m[rows], samples.quaternion[rows]], axis=2)
-        ends_m = path_m[0, :, :2].copy(), path_m[-1, :, :2].copy()
+        first_m, last_m = path_m[0, :, :2].copy(), path_m[-1, :, :2].copy()
         if len(self.sampled) < self.scenario.robots or self.scenario.robots > SAMPLED:
             chosen = np.array(self.sampled, dtype=int)
             samples = Samples(*(signal[:, chosen] for signal in samples))
             raw = RawSamples(*(signal[:, chosen] for signal in raw))
-        self._taken.append((samples, raw, poses, ends_m))
+        self._taken.append((samples, raw, poses, first_m, last_m))
 
     def pass_periods(self, periods: int) -> None:
         """Count control periods that were simulated."""
@@ -226,13 +224,13 @@ class RunningEpisode:
         """Determine the outcome of the simulation since the step began."""
         in_force, before = self._action.copy(), self.observation
         first_tick, ticks = self._first_tick, self._tick - self._first_tick
-        samples, raw, poses, ends_m = self._taken[0]
+        samples, raw, poses, first_m, _ = self._taken[0]
         if len(self._taken) > 1:
             of_all = list(zip(*self._taken, strict=True))
             samples = Samples(*map(np.concatenate, zip(*of_all[0], strict=True)))
             raw = RawSamples(*map(np.concatenate, zip(*of_all[1], strict=True)))
             poses = np.concatenate(of_all[2])
-        moved = self._taken[-1][3][1] - ends_m[0]
+        moved = self._taken[-1][4] - first_m
         self._taken.clear()
         completed = self._was_moving & self._at_end()
         self.observation = self._observe()
@@ -328,9 +326,8 @@ class RunningEpisode:
     def _positions_m(self) -> np.ndarray:
         """Return the estimated positions of the robots, (N, 2)."""
         positions_m = self._estimates[:, POSE : POSE + 2].copy()
-        if (
-            self.config.world.camera.rate_hz
-        ):  # no robot that is asked estimates itself off the board
+        if self.config.world.camera.rate_hz:
+            # No robot that is asked estimates itself off the board.
             positions_m = positions_m.clip(0.0, np.nextafter(self.scenario.size_m, 0.0))
         return positions_m
 

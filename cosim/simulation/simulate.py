@@ -82,7 +82,7 @@ def simulate(
         UserError: of the policy (trained on another scenario), the FMU or the calibration.
     """
     report = progress or silent
-    require_one_of("driver", driver or DRIVERS[0], DRIVERS)
+    require_one_of("driver", driver or "fmpy", DRIVERS)
     require_one_of("record", record, DETAILS)
     seed = taken_seed(seed)
     given = {"motor_fmu": motor_fmu, "motor_parameters": motor_parameters, **options}
