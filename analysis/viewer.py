@@ -190,4 +190,4 @@ def shrink(picture: Path, width: int) -> None:
     """Make a PNG small enough for a page: the given width in pixels."""
     scale = width / image.imread(picture).shape[1]
     with replacing(picture) as temporary:
-        image.thumbnail(picture, temporary, scale, "lanczos")
+        image.thumbnail(str(picture), str(temporary), scale, "lanczos")
