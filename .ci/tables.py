@@ -52,10 +52,6 @@ PICTURES = {
         "falsification", "policy | seed", {name: name for name in ("surrogate", "cma", "random")},
         "{policy}, seed {seed}", "episodes until the first collision (open: none in as many)",
         logarithmic=True),
-    "identification": Picture(
-        "identification", "parameter | median error",
-        {"median error": "median", "largest": "largest of 40 machines"}, "{parameter}",
-        "error in %", keep="mu|_height|radius|motor"),
     "performance": Picture(
         "performance", "figure | this run | three", {"this run": "this run"}, "{figure}", "ns",
         keep="_ns", logarithmic=True),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from PIL import Image
+from matplotlib import image
 from rerun.experimental import ViewerClient
 
 from cosim.base.errors import UserError
@@ -187,9 +187,7 @@ def _settled(viewer: ViewerClient, picture: Path) -> None:
 
 
 def shrink(picture: Path, width: int) -> None:
-    """Make a PNG small enough for a page: the given width in pixels, 256 colours."""
-    with Image.open(picture) as full:
-        height = round(full.height * width / full.width)
-        small = full.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)
+    """Make a PNG small enough for a page: the given width in pixels."""
+    scale = width / image.imread(picture).shape[1]
     with replacing(picture) as temporary:
-        small.quantize(256).save(temporary, optimize=True)
+        image.thumbnail(str(picture), str(temporary), scale, "lanczos")

@@ -1,8 +1,7 @@
 """`python -m benchmarks NAME`: what things cost, how they converge, and what helps.
 
-A benchmark is a module with `Options`, its command line (its help is the module's docstring);
-`measure`, which takes them; and `show`, which prints what was measured: without it, figures by name
-and rows as tables.
+A benchmark is a module with `Options`, its command line (its help is the module's docstring), and
+`measure`, which takes them and returns figures by name, and rows that are shown as tables.
 """
 
 import sys
@@ -20,7 +19,7 @@ ROOT = Path(__file__).parent
 
 def main() -> None:
     """Run the benchmark that the arguments name, or say which there are."""
-    files = (path for path in sorted(ROOT.rglob("[a-z]*.py")) if "Options(" in path.read_text())
+    files = (path for path in sorted(ROOT.glob("[a-z]*.py")) if "Options(" in path.read_text())
     known = {path.stem.replace("_", "-"): path for path in files}
     name, *rest = sys.argv[1:] or ["--help"]
     if name not in known:
@@ -29,13 +28,12 @@ def main() -> None:
             purpose = path.read_text().splitlines()[0].strip('"')
             print(f"  {benchmark:<16}{purpose}")
         sys.exit(0 if name in {"-h", "--help"} else USER_ERROR_STATUS)
-    place = known[name].relative_to(ROOT.parent).with_suffix("")
-    module = import_module(".".join(place.parts))
+    module = import_module(f"benchmarks.{known[name].stem}")
     module.Options.__doc__ = module.__doc__
     options = parse(module.Options, f"python -m benchmarks {name}", rest)
     with progress_bars() as progress, under_way(progress, f"benchmark {name}"):
         found = module.measure(options)
-    getattr(module, "show", _show)(found)
+    _show(found)
     if options.json:
         print_json(found)
 

@@ -14,7 +14,6 @@ from analysis.figures import fig03, fig05, fig07, learning, motor_cycle, paths, 
 from analysis.figures import transfer as transfer_figure
 from analysis.figures.style import Drawing, save, use_style, write_caption
 from analysis.reading.results import missing
-from analysis.viewer import shrink
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing
@@ -56,7 +55,7 @@ def draw_figures(
         names: of the figures.
         results: folder of results.
         out: folder to write to.
-        small: whether only PNGs of some 900 pixels with few colours are written, for the docs.
+        small: whether only PNGs of 900 pixels are written, for the docs.
         progress: receives every figure.
 
     Returns:
@@ -87,8 +86,8 @@ def draw_figures(
 def _write(name: str, drawing: Drawing, out: Path, small: bool) -> list[Path]:
     picture = out / f"{name}.png"
     if small:
+        dpi = SMALL_WIDTH_PX / drawing.figure.get_figwidth()
         with replacing(picture) as temporary:
-            drawing.figure.savefig(temporary)
-        shrink(picture, SMALL_WIDTH_PX)
+            drawing.figure.savefig(temporary, dpi=dpi, pil_kwargs={"optimize": True})
         return [picture]
     return [*save(drawing.figure, picture), write_caption(drawing.caption, out)]

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import IO, Any, BinaryIO, TypeVar
 
 import msgspec
-import platformdirs
 from filelock import FileLock
 
 from cosim.base.arguments import taken
@@ -44,10 +43,11 @@ class StorageError(UserError):
 def cache_dir(kind: str) -> Path:
     """Folder for cached results of one kind ("fmus", "policies"), created if missing.
 
-    `MINIROBOTS_CACHE` overrides the user's cache folder.
+    `MINIROBOTS_CACHE` overrides the user's cache folder, `minirobots` in `$XDG_CACHE_HOME` or
+    `~/.cache`.
     """
-    root = os.environ.get(CACHE) or platformdirs.user_cache_dir("minirobots")
-    folder = Path(root) / kind
+    users = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+    folder = Path(os.environ.get(CACHE) or users / "minirobots") / kind
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 

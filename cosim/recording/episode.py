@@ -235,7 +235,7 @@ class EpisodeRecorder:
             self._hand_over()
 
     def conclude(self, result: dict[str, Any]) -> None:
-        """Say how the episode ended, in the properties that a catalog of recordings shows."""
+        """Say how the episode ended, in the properties of the recording."""
         self.set_property("result", result)
 
     def _hand_over(self) -> None:

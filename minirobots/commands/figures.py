@@ -33,7 +33,7 @@ class Figures(CommandOptions):
     out: Folder = Path("figures")
     """Folder to write to."""
     small: bool = False
-    """Write only PNGs of some 900 pixels with few colours, for the docs."""
+    """Write only PNGs of 900 pixels, for the docs."""
     strict: bool = False
     """Fail if any figure is not drawn, not only if none is."""
 

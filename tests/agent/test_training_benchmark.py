@@ -6,7 +6,7 @@ import pytest
 
 from agent.training.settings import LearningConfig
 from benchmarks import __main__ as benchmarks
-from benchmarks.learning import training
+from benchmarks import training
 
 
 @pytest.fixture

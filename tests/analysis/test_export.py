@@ -100,7 +100,7 @@ def test_long_names_and_odd_values_survive(tmp_path):
     held = {f"{long}{k}": Signal(times, values, (), "m") for k in "ab"}
     episode = made_up(held, {"/log": Texts(times, ("one, two", 'a "quoted" word'))})
     for kind, read in READERS.items():
-        export(episode, kind, tmp_path / f"e.{kind}")
+        export(episode, kind, tmp_path / f"e.{kind}")  # pyright: ignore[reportArgumentType]
         found = read(tmp_path / f"e.{kind}")
         assert found["/log", "text"][2] == ["one, two", 'a "quoted" word'], kind
         for path in held:

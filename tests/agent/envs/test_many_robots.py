@@ -13,7 +13,7 @@ from agent.envs.boards import ActionError, StartsError
 from agent.envs.vector import RobotsVectorEnv
 from agent.mdp.config import ProcessConfig
 from benchmarks import __main__ as benchmarks
-from benchmarks.learning import envs as benchmark
+from benchmarks import envs as benchmark
 from cosim.base.errors import UserError
 from cosim.model.outcome import OUT_OF_BOARD, RUNNING, SUCCESS, TIMEOUT
 from cosim.model.scenario import Scenario
