@@ -11,7 +11,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 
-import agent.envs.single
+import agent.envs
 from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
 from agent.training.learning import build_learning, initial_state
@@ -40,19 +40,20 @@ class Options(CommandOptions):
 def gymnasium_steps_per_s() -> float:
     """Steps per second of the loop that one writes with Gymnasium, numpy and a Q table."""
     assert agent.envs  # its import registers the ids
-    env = agent.envs.FlattenState(gym.make("MiniRobots/SingleA-v0"))
-    q = np.zeros((900, 8), dtype=np.float32)
+    env = gym.make("MiniRobots/SingleA-v0")
+    q = np.zeros((30, 30, 8), dtype=np.float32)
     random = np.random.default_rng(0)
-    state, _ = env.reset(seed=0)
+    state = tuple(env.reset(seed=0)[0])
     began = time.thread_time()
     for _ in range(GYMNASIUM_STEPS):
         explore = random.random() < SECTION_V.epsilon
         action = random.integers(8) if explore else q[state].argmax()
-        after, reward, terminated, truncated, _ = env.step(action)
+        seen, reward, terminated, truncated, _ = env.step(action)
+        after = tuple(seen)
         target = float(reward) + (0.0 if terminated else SECTION_V.gamma * q[after].max())
         # Eq. (7)
-        q[state, action] += SECTION_V.eta * (target - q[state, action])
-        state = env.reset()[0] if terminated or truncated else after
+        q[*state, action] += SECTION_V.eta * (target - q[*state, action])
+        state = tuple(env.reset()[0]) if terminated or truncated else after
     return GYMNASIUM_STEPS / (time.thread_time() - began)
 
 

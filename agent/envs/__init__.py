@@ -7,28 +7,20 @@
 `MiniRobots/CoSim-v0` is 1a in the full co-simulation; `gymnasium.make_vec` makes many that are
 stepped together. `MiniRobots/Pair-v0` and `MiniRobots/CoSimPair-v0` are for `make_vec` alone:
 scenario 2, or with `scenario=` one of any number of robots, every robot a row. `parallel_env` makes
-a PettingZoo environment for pairs and more, `parallel_vector_env` many of them. The version in an
-id rises with any change of a reading.
+a PettingZoo environment for pairs and more. The version in an id rises with any change of an
+interpretation.
 """
 
 import gymnasium
 
-from agent.envs.parallel import NavigationParallelEnv, ParallelVectorEnv
-from agent.envs.single import FlattenState, FlattenStateVector, NavigationEnv
+from agent.envs.parallel import NavigationParallelEnv
+from agent.envs.single import NavigationEnv
 from agent.moves.worlds import RANGES as ROBUST_WORLDS
 from agent.moves.worlds import WorldRange
 
-__all__ = [
-    "ROBUST_WORLDS",
-    "FlattenState",
-    "FlattenStateVector",
-    "NavigationEnv",
-    "WorldRange",
-    "parallel_env",
-    "parallel_vector_env",
-]
+__all__ = ["ROBUST_WORLDS", "NavigationEnv", "WorldRange", "parallel_env"]
 
-parallel_env, parallel_vector_env = NavigationParallelEnv, ParallelVectorEnv
+parallel_env = NavigationParallelEnv
 
 for _name, _scenario, _steps in (
     ("SingleA", "1a", 1000),

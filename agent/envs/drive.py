@@ -25,7 +25,7 @@ from agent.envs.vector import RowsVectorEnv
 from cosim.base.arguments import numbers, require_one_of, taken
 from cosim.base.errors import shown
 from cosim.base.jit import kernel
-from cosim.coupling.signals import MOTORS
+from cosim.coupling.signals import MOTORS, Samples
 from cosim.model.config import MAX_VALUE, CoSimConfig, whole_ratio
 from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
 from cosim.model.params import TIMING
@@ -35,7 +35,7 @@ from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 from cosim.physics.body_state import X, Y, orientation_of, standing_state
 from cosim.physics.rotation import heading
 from cosim.simulation.driving import DriveObservation, in_frames, refuse_without_effect, velocities
-from cosim.simulation.measures import PATH_SAMPLING_S
+from cosim.simulation.measures import Measures
 
 TIME_LIMIT_S = 120.0
 REACH_M = 0.2
@@ -59,8 +59,6 @@ class Rows(NamedTuple):
         velocities: (K N, 3) see `cosim.simulation.driving.DriveObservation`.
         targets_m: (K N, 2).
         away_m: (K N,) true distances from the targets.
-        path_m: (K N,) length of the path so far.
-        last_m: (K N, 2) last point of the path.
         dither: (K N, 2) see `set_points`.
         worlds: (K N, 5) of the episodes: µ, motor spread, restitution, slope in deg, payload in
             10 g.
@@ -70,8 +68,6 @@ class Rows(NamedTuple):
     velocities: np.ndarray
     targets_m: np.ndarray
     away_m: np.ndarray
-    path_m: np.ndarray
-    last_m: np.ndarray
     dither: np.ndarray
     worlds: np.ndarray
 
@@ -179,7 +175,7 @@ class DriveBoards(DynamicsBoards):
         step_ticks = self._config.periods_per_step * self._config.ticks_per_period
         last = -(-self._config.ticks(timing.episode_limit_s) // step_ticks)
         self._limit = min(self._limit, last)
-        sizes = ((3,), (3,), (2,), (), (), (2,), (2,), (5,))
+        sizes = ((3,), (3,), (2,), (), (2,), (5,))
         self._rows = Rows._make(np.zeros((rows, *size)) for size in sizes)
 
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
@@ -187,10 +183,11 @@ class DriveBoards(DynamicsBoards):
         seen = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
         return seen, spaces.Box(-1.0, 1.0, (2,), np.float32)
 
-    def _checked_places(
-        self, starts: Any = None, targets: Any = None
-    ) -> tuple[np.ndarray | None, np.ndarray | None]:
-        return self._places("starts", starts, 3), self._places("targets", targets, 2)
+    def _checked(
+        self, *, mu: float | None = None, starts: Any = None, targets: Any = None
+    ) -> tuple[Any, ...]:
+        self._check_mu(mu)
+        return mu, self._places("starts", starts, 3), self._places("targets", targets, 2)
 
     def _places(self, name: str, values: Any, size: int) -> np.ndarray | None:
         if values is None:
@@ -247,13 +244,15 @@ class DriveBoards(DynamicsBoards):
         # no robot's target cell is forbidden to the others: its centre is what counts here
         scenario = replace(self.scenario, zone_is_obstacle=False)
         cells = poses[:, :2] // scenario.cell_m
-        config = self._begin_episode(m, scenario, cells, mu, rng, seed)
+        episode = self._begin_episode(m, scenario, cells, mu, rng, seed)
+        config = episode.config
+        episode.measures = Measures(poses[:, :2], poses[:, 2], _PERIOD_S)
         where = slice(m * self.shape[1], (m + 1) * self.shape[1])
         state, rows = self._batch.state, self._rows
         for column, (x, y, angle) in enumerate(poses.tolist(), where.start):
             state.bodies[:, column] = standing_state(config.robot, x, y, angle)
         state.estimates[where, POSE : POSE + 3] = poses
-        begun = poses, 0.0, targets_m, 0.0, 0.0, poses[:, :2], _NEW_DITHER, _world_of(config)
+        begun = poses, 0.0, targets_m, 0.0, _NEW_DITHER, _world_of(config)
         for array, values in zip(rows, begun, strict=True):
             array[where] = values
         _locate(state.bodies, rows.targets_m, np.empty_like(rows.poses), rows.away_m)
@@ -295,10 +294,12 @@ class DriveBoards(DynamicsBoards):
             actions, self._config, rows.dither, velocity=self._velocity
         )
         commands[:, MODE] = np.where(moved.ravel(), DIRECT, HOLD)
-        done = self._steps * self._config.periods_per_step
+        episodes, robots = self._episodes(), self.shape[1]
         for samples, _ in batch.stretches():
-            self._add_paths(samples.position, done)
-            done += len(samples.position)
+            for m in np.flatnonzero(running).tolist():
+                part = slice(state.periods[m]), slice(m * robots, (m + 1) * robots)
+                mine = Samples._make([signal[part] for signal in samples])
+                episodes[m].measures.add(mine)
         _locate(state.bodies, rows.targets_m, rows.poses, rows.away_m)
         if self._estimated:
             rows.poses[:] = state.estimates[:count, POSE : POSE + 3]
@@ -316,22 +317,6 @@ class DriveBoards(DynamicsBoards):
             rewards = 100.0 * progress_m - rest + _END_REWARD * rewards
         return np.where(moved, rewards, 0.0)
 
-    def _add_paths(self, positions: np.ndarray, done: np.ndarray) -> None:
-        """Add to the paths as `cosim.simulation.measures` does.
-
-        Args:
-            positions: (n, B, 3) of all columns in control periods.
-            done: (K,) control periods before these.
-        """
-        rows, every = self._rows, round(PATH_SAMPLING_S / _PERIOD_S)
-        for first in range(every, len(positions) + every, every):
-            last = first - 1 - done % every  # period of the next point
-            at = np.repeat(np.where(last < self._batch.state.periods, last, -1), self.shape[1])
-            on = np.flatnonzero(at >= 0)
-            points_m = positions[at[on], on, :2]
-            rows.path_m[on] += np.sqrt(((points_m - rows.last_m[on]) ** 2).sum(axis=1))
-            rows.last_m[on] = points_m
-
     def _looked(self) -> tuple[np.ndarray, np.ndarray]:
         rows, state, robots = self._rows, self._batch.state, self.shape[1]
         speeds = state.outputs[MOTORS : 2 * MOTORS, : len(rows.poses)].T
@@ -339,10 +324,6 @@ class DriveBoards(DynamicsBoards):
         motion = DriveObservation(*parts, self.scenario, self._config, {})
         seen = observed(motion, robots, rows.worlds if self._context else None)
         return seen.reshape(*self.shape, -1), ~self._arrived
-
-    def path_length_cm(self) -> np.ndarray:
-        """See `EnvBoards.path_length_cm`."""
-        return 100.0 * self._rows.path_m.reshape(self.shape)
 
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""

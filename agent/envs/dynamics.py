@@ -34,7 +34,6 @@ from agent.mdp.rewards import failed, step_reward
 from agent.moves.worlds import checked_ranges, draw_world
 from cosim.base.arguments import ConfigError, require_one_of, taken
 from cosim.base.progress import progress_bars
-from cosim.model.config import CoSimConfig
 from cosim.model.outcome import BY_RANK, RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
@@ -99,16 +98,11 @@ class DynamicsBoards(EnvBoards):
     def _begun(self) -> np.ndarray:
         return np.array([episode is not None for episode in self._batch.episodes])
 
-    def _checked(self, *, mu: float | None = None, **options: Any) -> tuple[Any, ...]:
+    def _check_mu(self, mu: float | None) -> None:
         if mu is not None:
             self._config.with_overrides(mu)  # refuses some
             if mu == 0.0:
                 raise ConfigError("mu = 0 is invalid: no robot could drive; give more")
-        return (mu, *self._checked_places(**options))
-
-    @abstractmethod
-    def _checked_places(self, *arguments: Any, **options: Any) -> tuple[Any, ...]:
-        """Return what `_begin_board` takes of starts and targets; raises UserError."""
 
     def _begin(self, given: dict[int, tuple[Any, ...]]) -> None:
         for m, checked in given.items():
@@ -133,8 +127,8 @@ class DynamicsBoards(EnvBoards):
         mu: float | None,
         rng: np.random.Generator,
         seed: np.random.SeedSequence,
-    ) -> CoSimConfig:
-        """Begin an episode from (N, 2) cells, in a world that `rng` draws; returns its config."""
+    ) -> RunningEpisode:
+        """Begin an episode from (N, 2) cells, in a world that `rng` draws."""
         config = self._config
         if self._worlds is not None:  # steering keeps its calibration, as in training of `robust`
             side = max(self.scenario.columns, self.scenario.rows)
@@ -142,9 +136,8 @@ class DynamicsBoards(EnvBoards):
         if mu is not None:
             config = config.with_overrides(mu)
         starts = tuple((int(x), int(y)) for x, y in cells)
-        self._batch.begin(m, scenario, starts, seed, config)
         self.arrays.outcomes[m], self._arrived[m], self._steps[m] = RUNNING, False, 0
-        return config
+        return self._batch.begin(m, scenario, starts, seed, config)
 
     @abstractmethod
     def _looked(self) -> tuple[np.ndarray, np.ndarray]:
@@ -170,6 +163,10 @@ class DynamicsBoards(EnvBoards):
         if len(begun) < self.shape[0]:
             raise ActionError("no episode has begun; call reset first")
         return begun
+
+    def path_length_cm(self) -> np.ndarray:
+        """See `EnvBoards.path_length_cm`."""
+        return 100.0 * np.array([episode.measures.path_length_m for episode in self._episodes()])
 
     def close(self) -> None:
         """Free the FMU instances."""
@@ -214,17 +211,17 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
         return direction_spaces(self.scenario, self._process)
 
-    def _checked_places(
-        self, starts: Any = None, targets: Any = None
-    ) -> tuple[Scenario, Process, np.ndarray | None]:
-        """Scenario, process and (N, 2) int64 start cells (None to draw them) of an episode."""
+    def _checked(
+        self, *, mu: float | None = None, starts: Any = None, targets: Any = None
+    ) -> tuple[Any, ...]:
+        self._check_mu(mu)
         scenario, process = self.scenario, self._usual
         if targets is not None:
             aims = whole_cells("targets", targets, (scenario.robots, 2))
             scenario = replace(scenario, targets=tuple((int(x), int(y)) for x, y in aims))
             process = build_process(scenario, self._process)
         cells = None if starts is None else placed_world(process, starts)[:, [X, Y]]
-        return scenario, process, cells
+        return mu, scenario, process, cells
 
     def _begin_board(
         self,
@@ -289,7 +286,3 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""
         return [(episode.scenario, episode.positions_m) for episode in self._episodes()]
-
-    def path_length_cm(self) -> np.ndarray:
-        """See `EnvBoards.path_length_cm`."""
-        return 100.0 * np.array([episode.measures.path_length_m for episode in self._episodes()])

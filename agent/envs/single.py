@@ -1,13 +1,9 @@
 """Gymnasium environments for one robot."""
 
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
-from gymnasium.utils import RecordConstructorArgs
 
 from agent.envs.boards import ActionError, known_options
 from agent.envs.rendering import View
@@ -111,30 +107,3 @@ class NavigationEnv(SingleEnv):
         """Return (8,) bool, which directions lead to a free cell."""
         self._require_open()
         return self._boards.action_masks()[0, 0].astype(bool)
-
-
-def _rows_of_tables(space: spaces.Space) -> tuple[Callable[..., Any], spaces.Discrete]:
-    """Return what makes a row of a Q table of an observation, and the space of rows."""
-    assert isinstance(space, spaces.MultiDiscrete)
-    sizes = tuple(space.nvec)
-    return partial(_row, sizes), spaces.Discrete(int(np.prod(sizes)))
-
-
-def _row(sizes: tuple[int, ...], observations: np.ndarray) -> Any:
-    return np.ravel_multi_index(tuple(np.moveaxis(observations, -1, 0)), sizes)
-
-
-class FlattenState(gym.wrappers.TransformObservation):
-    """One integer for a MultiDiscrete observation: the row of a Q table, as the kernels count."""
-
-    def __init__(self, env: gym.Env) -> None:
-        RecordConstructorArgs.__init__(self)
-        super().__init__(env, *_rows_of_tables(env.observation_space))
-
-
-class FlattenStateVector(gym.wrappers.vector.TransformObservation):
-    """`FlattenState` of vector environments: (num_envs,) int64."""
-
-    def __init__(self, env: gym.vector.VectorEnv) -> None:
-        row, space = _rows_of_tables(env.single_observation_space)
-        super().__init__(env, row, single_observation_space=space)

@@ -46,7 +46,6 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: str | None = None,
         outcome_names: bool = False,
         ends: Ends = "together",
-        copy: bool = True,
         **options: Any,
     ) -> None:
         """Make the boards.
@@ -57,8 +56,6 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             arguments, options: of the boards, see the class.
             render_mode, outcome_names: as of `View`; there is a picture per row.
             ends: "together" or "own".
-            copy: whether observations are arrays of their own; or else memory that the next step
-                may overwrite.
 
         Raises:
             UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
@@ -73,7 +70,6 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = boards.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._copy, self._view = taken("copy", copy, bool), np.empty(0)
         boards.seed(board_seeds(int(self.np_random_seed or 0), self.boards))
 
     def reset(
@@ -117,10 +113,7 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._seen(), arrays.rewards.flatten(), terminated, truncated, self._infos()
 
     def _seen(self) -> np.ndarray:
-        memory = self._boards.arrays.observations
-        if self._view.base is not memory:  # at first, and in a copy of the environment
-            self._view = memory.reshape(self.num_envs, -1)
-        return self._view.copy() if self._copy else self._view
+        return self._boards.arrays.observations.reshape(self.num_envs, -1).copy()
 
     def _infos(self) -> dict[str, Any]:
         infos = self._boards.infos(names=self._outcome_names)

@@ -32,7 +32,6 @@ def episode_blueprint(
     *,
     bursts: bool = True,
     policies: bool = False,
-    values: bool = True,
     distances: bool = True,
     camera: bool = False,
 ) -> rrb.Blueprint:
@@ -42,8 +41,8 @@ def episode_blueprint(
         robots: number of robots, or indices of those with signals to show.
         size_m: width and height of the board, for the eye.
         bursts: whether bursts at every tick are recorded.
-        policies: whether the robots' policies are drawn on the floor.
-        values: whether the first tab has action values and rewards, or else where robots are.
+        policies: whether the robots' policies are drawn on the floor; then the first tab has action
+            values and rewards, else where robots are.
         distances: whether those between robots are recorded.
         camera: whether robots are seen by a camera.
     """
@@ -97,7 +96,7 @@ def episode_blueprint(
             "overview",
             (speeds, omega, set_point),
             ("voltage of D (dark), E, V", "/sim/{r}/motors/voltage"),
-            *(valued if values else [position, *apart]),
+            *(valued if policies else [position, *apart]),
         ),
         plots(
             "motors",

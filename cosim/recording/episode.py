@@ -123,7 +123,6 @@ class EpisodeRecorder:
             scenario.size_m,
             bursts=config.timing.burst_s > 0.0,
             policies=bool(policies),
-            values=bool(policies),
             distances=self._all_sampled,
             camera=camera,
         )
@@ -235,7 +234,7 @@ class EpisodeRecorder:
             self._hand_over()
 
     def conclude(self, result: dict[str, Any]) -> None:
-        """Say how the episode ended, in the properties of the recording."""
+        """Write how the episode ended, as a property."""
         self.set_property("result", result)
 
     def _hand_over(self) -> None:

@@ -32,7 +32,6 @@ _NUMBERS = {
 _UNIT = "unit"
 _TEXTS = ("StateChange:state", "TextLog:text")
 _NAMES = "SeriesLines:names"
-_DOCUMENT = "TextDocument:text"
 _PROPERTIES = "/__properties/"
 
 
@@ -85,7 +84,6 @@ class RecordingData:
         signals: by entity path, such as "/sim/r1/motors/omega"; a pose is two signals,
             "<path>:translation" in m and "<path>:quaternion" (x, y, z, w).
         texts: states and logs by entity path.
-        documents: static pages by entity path.
         properties: by their name, such as "episode", then by key.
     """
 
@@ -94,7 +92,6 @@ class RecordingData:
     complete: bool
     signals: dict[str, Signal]
     texts: dict[str, Texts]
-    documents: dict[str, str]
     properties: dict[str, dict[str, Any]]
 
 
@@ -163,7 +160,6 @@ def read_chunks(
     moving: dict[tuple[str, str], list[pa.RecordBatch]] = defaultdict(list)
     names: dict[str, tuple[str, ...]] = {}
     units: dict[str, str] = {}
-    documents: dict[str, str] = {}
     properties: dict[str, dict[str, Any]] = {}
     for chunk in chunks:
         batch = chunk.to_record_batch()
@@ -177,8 +173,6 @@ def read_chunks(
                 names[chunk.entity_path] = tuple(batch.column(_NAMES)[0].as_py() or ())
             if _UNIT in first:
                 units[chunk.entity_path] = str(first[_UNIT])
-            if _DOCUMENT in first:
-                documents[chunk.entity_path] = first[_DOCUMENT]
         elif TIMELINE in batch.schema.names:
             for column in {*_NUMBERS, *_TEXTS} & {*batch.schema.names}:
                 moving[chunk.entity_path, column].append(batch)
@@ -190,7 +184,7 @@ def read_chunks(
             ending, unit = _NUMBERS[column]
             key, unit = entity + ending, unit or units.get(entity, "")
             signals[key] = _signal(key, batches, column, names.get(entity, ()), unit)
-    return RecordingData(path, recording_id, complete, signals, texts, documents, properties)
+    return RecordingData(path, recording_id, complete, signals, texts, properties)
 
 
 def _has_footer(reader: RrdReader) -> bool:

@@ -32,15 +32,13 @@ class Validate(Distributed, IsolatedOptions, Resumable):
 def run(options: Validate, progress: Progress) -> Iterator[Any]:
     """Measure missing results, and write and print the tables."""
     from cosim.base.table import show, write_report
-    from cosim.machine.validation.report import report_of
     from cosim.machine.validation.tables import tables, text_of
     from cosim.machine.validation.validate import QUICK, Effort, validate
     from cosim.simulation.options import Physics
 
     effort = QUICK if options.quick else Effort()
     fmu = Physics(motor_fmu=options.motor_fmu).fmu(progress)
-    found = validate(fmu, effort, options.seed, options.where, progress)
-    report = report_of(found, effort, options.seed)
+    report = validate(fmu, effort, options.seed, options.where, progress)
     write_report(options.out / "validation", report, text_of(report))
     yield report
     for title, columns, rows in tables(report):

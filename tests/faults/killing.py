@@ -157,7 +157,7 @@ def said(path: Path, out: Path) -> Any:
         assert data.complete
         signals = {k: (s.time_s.tobytes(), s.values.tobytes()) for k, s in data.signals.items()}
         texts = {k: (t.time_s.tobytes(), t.texts) for k, t in data.texts.items()}
-        return data.recording_id, signals, texts, data.documents
+        return data.recording_id, signals, texts
     if path.suffix == ".parquet":
         return timeless(parquet.read_table(path).to_pylist())
     content = path.read_bytes().replace(str(out).encode(), b"OUT")

@@ -16,6 +16,8 @@ from cosim.physics.body_state import PLANE, QUATERNION
 
 _PHASE_S = 0.5  # in which motors come to their speed and to the phase between them
 _REST_S = 0.5  # in which robots come to rest
+# Three V of 1 cm legs and 20° to either side (assumed; what was published of them is not at hand).
+V_STEPS, V_LEG_M, V_HALF_RAD = 3, 0.01, math.radians(20.0)
 
 
 class Leg(NamedTuple):
@@ -82,6 +84,11 @@ def sideways(steps: int, leg_m: float, half_angle_rad: float) -> list[Leg]:
         Leg("backwards", leg_m),
         Leg("left", half_angle_rad),
     ] * steps
+
+
+def v_meant_m() -> float:
+    """Sideways displacement that the V-shaped steps are meant to give, in m."""
+    return V_STEPS * 2.0 * V_LEG_M * math.sin(V_HALF_RAD)
 
 
 def drive_by_the_clock(

@@ -1,15 +1,14 @@
 """The rows of docs/validation.md, simulated and published; `tables` has the text."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import msgspec
 import numpy as np
 
-from cosim.machine.validation.driving import MeasuredSpeed
-from cosim.machine.validation.published import PublishedSpeed, step_um
+from cosim.machine.validation.driving import MeasuredSpeed, v_meant_m
+from cosim.machine.validation.published import PublishedPath, PublishedSpeed, step_um
 from cosim.machine.validation.sensitivity import PARAMETERS, value_of
-from cosim.machine.validation.validate import DrivenPath, Effort, Sensitivity, Validation, v_meant_m
 from cosim.model.preset import find_preset
 
 # A parameter explains a difference if no more than this factor of it does, at first order.
@@ -87,20 +86,35 @@ class ValidationReport(msgspec.Struct, frozen=True, kw_only=True):
     paths: tuple[PathRow, ...]
 
 
-def report_of(found: Validation, effort: Effort, seed: int) -> ValidationReport:
-    """Measured numbers next to published ones."""
-    speeds = tuple(_speed_row(*pair) for pair in found.speeds)
+def report_of(
+    speeds: Sequence[tuple[PublishedSpeed, MeasuredSpeed]],
+    slopes: Sequence[tuple[PublishedSpeed, Mapping[str, float | None], Mapping[str, float]]],
+    paths: Sequence[tuple[PublishedPath | None, bool, list[list[float]]]],
+    phases: int,
+    seed: int,
+) -> ValidationReport:
+    """Measured numbers next to published ones.
+
+    Args:
+        speeds: published and measured.
+        slopes: where; d ln v / d ln p by the parameter, simulated and in closed form.
+        paths: published, None for the V-shaped steps; whether motors had the steering's dither;
+            and of each robot displacement in m and turned angle in rad, over what was intended.
+        phases: between the motors, of each speed.
+        seed: of noise and phases on the paths.
+    """
+    rows, measured = tuple(_speed_row(*pair) for pair in speeds), dict(speeds)
     return ValidationReport(
-        phases=effort.phases,
+        phases=phases,
         seed=seed,
-        speeds=speeds,
-        reversals=tuple(_reversals(speeds)),
+        speeds=rows,
+        reversals=tuple(_reversals(rows)),
         sensitivities=tuple(
             row
-            for each in found.sensitivities
-            for row in _sensitivity_rows(each, dict(found.speeds)[each.point])
+            for point, dynamics, platform in slopes
+            for row in _sensitivity_rows(point, measured[point].mean, dynamics, platform)
         ),
-        paths=tuple(map(_path_row, found.paths)),
+        paths=tuple(_path_row(*path) for path in paths),
     )
 
 
@@ -145,12 +159,17 @@ def _reversals(speeds: Sequence[SpeedRow]) -> Iterator[ReversalRow]:
             )
 
 
-def _sensitivity_rows(found: Sensitivity, measured: MeasuredSpeed) -> list[SensitivityRow]:
-    config, point = find_preset(found.point.preset).config(), found.point
+def _sensitivity_rows(
+    point: PublishedSpeed,
+    speed_m_s: float,
+    dynamics: Mapping[str, float | None],
+    platform: Mapping[str, float],
+) -> list[SensitivityRow]:
+    config = find_preset(point.preset).config()
     assert point.value is not None
-    wanted = math.log(1e-3 * point.value / measured.mean) if measured.mean > 0.0 else math.nan
+    wanted = math.log(1e-3 * point.value / speed_m_s) if speed_m_s > 0.0 else math.nan
     rows = []
-    for name, slope in found.dynamics.items():
+    for name, slope in dynamics.items():
         value = value_of(config, name) if name in PARAMETERS else point.omega_rad_s
         change = wanted / slope if slope else math.nan
         explains = abs(change) <= math.log(_MOST_FACTOR)
@@ -161,15 +180,15 @@ def _sensitivity_rows(found: Sensitivity, measured: MeasuredSpeed) -> list[Sensi
                 parameter=name,
                 value=value,
                 dynamics=slope,
-                platform=found.platform.get(name),
+                platform=platform.get(name),
                 explains=value * math.exp(change) if explains else None,
             )
         )
     return rows
 
 
-def _path_row(driven: DrivenPath) -> PathRow:
-    ends, path = np.array(driven.ends), driven.path
+def _path_row(path: PublishedPath | None, dithered: bool, driven: list[list[float]]) -> PathRow:
+    ends = np.array(driven)
     off_mm = 1e3 * np.hypot(ends[:, 0], ends[:, 1])
     turned = np.degrees(ends[:, 2])
     if path is None:
@@ -178,7 +197,7 @@ def _path_row(driven: DrivenPath) -> PathRow:
         name = f"{'triangle' if path.sides == 3 else 'square'} of {path.side_mm / 10.0:g} cm"
     return PathRow(
         path=name,
-        dithered=driven.dithered,
+        dithered=dithered,
         robots=len(ends),
         off_mm=float(off_mm.mean()),
         off_largest_mm=float(off_mm.max()),

@@ -21,21 +21,24 @@ from cosim.calibration.cache import calibrated
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.parameters import with_motor
 from cosim.machine.validation.driving import (
+    V_HALF_RAD,
+    V_LEG_M,
+    V_STEPS,
     Leg,
     MeasuredSpeed,
     drive_by_the_clock,
     measured_speed,
     polygon,
     sideways,
+    v_meant_m,
 )
 from cosim.machine.validation.published import PATHS, SPEEDS, PublishedPath, PublishedSpeed
+from cosim.machine.validation.report import ValidationReport, report_of
 from cosim.machine.validation.sensitivity import closed_form, sensitivities
 from cosim.model.config import CoSimConfig
 from cosim.model.preset import PAPER, PresetError, find_preset
 
 What = Literal["speed", "slopes", "ends"]
-# Three V of 1 cm legs and 20° to either side (assumed; what was published of them is not at hand).
-V_STEPS, V_LEG_M, V_HALF_RAD = 3, 0.01, math.radians(20.0)
 _FILE = Kind("kept measurement", "measure it again", PresetError)
 
 
@@ -47,41 +50,6 @@ class Effort(NamedTuple):
 
 
 QUICK = Effort(2, 2)
-
-
-class Sensitivity(NamedTuple):
-    """Relative derivatives of the speed forwards at a published point.
-
-    Attributes:
-        point: where.
-        dynamics, platform: d ln v / d ln p by the parameter, simulated and in closed form.
-    """
-
-    point: PublishedSpeed
-    dynamics: dict[str, float | None]
-    platform: dict[str, float]
-
-
-class DrivenPath(NamedTuple):
-    """A path by the clock alone; a row per robot.
-
-    Attributes:
-        path: published, None for the V-shaped steps.
-        dithered: whether motors had the steering's dither.
-        ends: (robots, 3) displacement in m and turned angle in rad, next to what was intended.
-    """
-
-    path: PublishedPath | None
-    dithered: bool
-    ends: list[list[float]]
-
-
-class Validation(NamedTuple):
-    """All that is measured, in the order of the tables."""
-
-    speeds: list[tuple[PublishedSpeed, MeasuredSpeed]]
-    sensitivities: list[Sensitivity]
-    paths: list[DrivenPath]
 
 
 @dataclass(frozen=True)
@@ -170,8 +138,8 @@ def validate(
     seed: int = 0,
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
-) -> Validation:
-    """Measure results that are missing in the cache.
+) -> ValidationReport:
+    """Measure results that are missing in the cache, and compare them with published ones.
 
     Args:
         motor_fmu: of every motor.
@@ -206,13 +174,12 @@ def validate(
     store, jobs = _Cache(), [*speeds.values(), *slopes.values(), *paths.values()]
     for _ in run(jobs, store, MEASUREMENTS, where, progress=progress, task="measuring"):
         pass
-    return Validation(
+    return report_of(
         [(p, MeasuredSpeed(*store.find(job))) for p, job in speeds.items()],
-        [
-            Sensitivity(p, store.find(job), closed_form(job.config, p.omega_rad_s))
-            for p, job in slopes.items()
-        ],
-        [DrivenPath(*which, store.find(job)) for which, job in paths.items()],
+        [(p, store.find(job), closed_form(job.config, p.omega_rad_s)) for p, job in slopes.items()],
+        [(*which, store.find(job)) for which, job in paths.items()],
+        effort.phases,
+        seed,
     )
 
 
@@ -221,8 +188,3 @@ def _meant(path: PublishedPath | None) -> tuple[list[Leg], np.ndarray]:
     if path is not None:
         return polygon(path.sides, 1e-3 * path.side_mm), np.array([0.0, 0.0, 2.0 * math.pi])
     return sideways(V_STEPS, V_LEG_M, V_HALF_RAD), np.array([0.0, v_meant_m(), 0.0])
-
-
-def v_meant_m() -> float:
-    """Sideways displacement that the V-shaped steps are meant to give, in m."""
-    return V_STEPS * 2.0 * V_LEG_M * math.sin(V_HALF_RAD)

@@ -459,13 +459,6 @@ def test_step_limit_truncates():
     assert info == {**ended, "path_length": pytest.approx(2.0)}
 
 
-def test_flatten_state_counts_as_the_tables_do():
-    env = envs.FlattenState(envs.NavigationEnv("1a"))
-    state, _ = env.reset(options={"starts": [[7, 3]]})
-    assert state == 7 * 30 + 3
-    assert env.observation_space == gym.spaces.Discrete(900)
-
-
 @pytest.mark.parametrize(
     ("starts", "message"),
     [
@@ -606,7 +599,6 @@ def test_a_bystander_of_a_collision_is_truncated_without_penalty(cosim):
         lambda **options: gym.make_vec("MiniRobots/Pair-v0", num_envs=2, **options),
         lambda **options: gym.make_vec("MiniRobots/CoSimPair-v0", num_envs=2, **options),
         lambda **options: envs.parallel_env("2", **options),
-        lambda **options: envs.parallel_vector_env("2", **options),
     ],
 )
 def test_interpretations_of_another_type_are_refused(make):

@@ -1,7 +1,6 @@
-"""Many boards with several robots: the process of single environments, by rows and by agents."""
+"""Many boards with several robots: the process of single environments, by rows."""
 
 import json
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -9,13 +8,13 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from agent import envs
-from agent.envs.boards import ActionError, StartsError
+from agent.envs.boards import StartsError
 from agent.envs.vector import RobotsVectorEnv
 from agent.mdp.config import ProcessConfig
 from benchmarks import __main__ as benchmarks
 from benchmarks import envs as benchmark
 from cosim.base.errors import UserError
-from cosim.model.outcome import OUT_OF_BOARD, RUNNING, SUCCESS, TIMEOUT
+from cosim.model.outcome import OUT_OF_BOARD, RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
 
 FOUR = Scenario(
@@ -56,7 +55,7 @@ class Singles:
 
 
 def starts_of(name):
-    """Beside the targets on some boards, so that robots wait for others; drawn for the rest."""
+    """Next to the targets on some boards, so that robots wait for others; drawn for the rest."""
     near = {"2": [[15, 20], [3, 3]], "four": [[5, 7], [24, 7], [9, 24], [20, 20]]}.get(name)
     return None if near is None else [near] * BOARDS
 
@@ -68,28 +67,21 @@ def test_boards_are_single_environments_bit_for_bit(scenario, slip):
     name = getattr(scenario, "name", scenario)
     starts = starts_of(name)
     rows = RobotsVectorEnv(BOARDS, scenario, config, ends="own")
-    agents = envs.parallel_vector_env(scenario, config, num_envs=BOARDS)
     singles = Singles(scenario, config, 3, starts)
-    robots = len(agents.possible_agents)
-    for env in (rows, agents):
-        env.reset(seed=3)
-        if starts is not None:
-            env.reset(options={"starts": np.array(starts)})
+    robots = rows.scenario.robots
+    rows.reset(seed=3)
+    if starts is not None:
+        rows.reset(options={"starts": np.array(starts)})
     random = np.random.default_rng(0)
     ends = set()
     for step in range(150):
         # towards the targets that are near, and then at random
         joint = np.full((BOARDS, robots), 6) if step < 2 else random.integers(8, size=(5, robots))
         by_row = rows.step(joint.ravel())
-        actions = {agent: joint[:, i] for i, agent in enumerate(agents.possible_agents)}
-        by_agent: Any = agents.step(actions)
         for k, (single, active) in enumerate(singles.step(joint)):
-            m, agent = k // robots, agents.possible_agents[k % robots]
             seen, reward, terminated, truncated, _ = by_row
             infos = {key: values[k] for key, values in by_row[4].items() if key[0] != "_"}
-            assert infos == {key: values[m] for key, values in by_agent[4][agent].items()}
             ours = (seen[k].tolist(), reward[k], terminated[k], truncated[k])
-            assert ours == (by_agent[0][agent][m].tolist(), *(p[agent][m] for p in by_agent[1:4]))
             assert infos["active"] == active
             if single is None:
                 assert ours[1:] == (0.0, False, False)
@@ -151,68 +143,23 @@ def test_a_robot_that_has_arrived_waits_for_its_board():
     assert {seen[0, 1], seen[1, 1]} == {0, 29}
 
 
-def test_observations_are_copied_unless_asked_otherwise():
-    for copy in (True, False):
-        env = RobotsVectorEnv(2, "2", copy=copy)
-        first, _ = env.reset(seed=0)
-        second = env.step(np.zeros(4, dtype=int))[0]
-        assert (first is second) == (not copy)
-        assert np.array_equal(first, second) == (not copy)
+def test_observations_are_copies():
+    env = RobotsVectorEnv(2, "2")
+    first, _ = env.reset(seed=0)
+    assert not np.array_equal(first, env.step(np.zeros(4, dtype=int))[0])
 
 
 def test_boards_never_seeded_differ_and_seeds_count_up():
     for _ in range(3):
         rows = RobotsVectorEnv(8, "4").reset()[0].reshape(8, -1)
-        by_agent = envs.parallel_vector_env("4", num_envs=8).reset()[0]
         assert len(np.unique(rows, axis=0)) > 4
-        assert len(np.unique(by_agent["robot_1"], axis=0)) > 4
-        assert not np.array_equal(rows[:, :4], by_agent["robot_1"])
+        assert not np.array_equal(rows, RobotsVectorEnv(8, "4").reset()[0].reshape(8, -1))
     seen = RobotsVectorEnv(3, "4").reset(seed=5)[0]
     assert np.array_equal(RobotsVectorEnv(3, "4").reset(seed=[5, 6, 7])[0], seen)
     assert np.array_equal(RobotsVectorEnv(2, "4").reset(seed=6)[0], seen[2:])
     env, again = RobotsVectorEnv(4, "4"), RobotsVectorEnv(4, "4")
     seen = env.reset()[0]
     assert np.array_equal(again.reset(seed=env.np_random_seed)[0], seen)
-
-
-@pytest.mark.parametrize(
-    ("actions", "message"),
-    [
-        ({"robot_1": [0, 0]}, "robot_2 has no action"),
-        ({"robot_1": [0, 0], "robot_2": [0, 0], "bob": [0, 0]}, "bob is not an agent; choose from"),
-        (
-            {"robot_1": [0, 0], "robot_2": [0, 8]},
-            "action 8 of robot_2 on board 1 is not a direction",
-        ),
-        ({"robot_1": [0, 0], "robot_2": [0]}, "each of the 2 boards"),
-        (
-            {"robot_1": [0, 0], "robot_2": [0.0, 1.0]},
-            r"action .*0\.0.* of robot_2 is not a direction",
-        ),
-    ],
-)
-def test_agents_need_actions_on_all_boards(actions, message):
-    env = envs.parallel_vector_env("2", num_envs=2)
-    env.reset(options={"starts": [[[15, 19], [5, 5]], [[3, 3], [25, 25]]]})
-    with pytest.raises(ActionError, match=message):
-        env.step(actions)
-
-
-def test_agents_that_have_ended_on_all_boards_need_no_action():
-    env = envs.parallel_vector_env("2", num_envs=1)
-    env.reset(seed=0, options={"starts": [[[15, 19], [15, 10]]]})
-    env.step({"robot_1": [6], "robot_2": [0]})
-    assert env.agents == ["robot_2"]
-    *_, truncations, infos = env.step({"robot_2": [4]})
-    assert not truncations["robot_2"].any()
-    env.step({"robot_1": [-1], "robot_2": [2]})
-    *_, infos = env.step({"robot_2": [2]})
-    assert infos["robot_1"]["outcome"].tolist() == [SUCCESS]
-    assert env.agents == []
-    observations, *_ = env.step({})
-    assert env.agents == ["robot_1", "robot_2"]
-    assert observations["robot_1"] in env.observation_space("robot_1")
-    assert observations["robot_1"][0, 1] == 29
 
 
 def test_starts_of_another_shape_are_refused():

@@ -34,7 +34,6 @@ MAKERS = {
     "pairs grid": lambda: gym.make_vec("MiniRobots/Pair-v0", num_envs=2).unwrapped,
     "pairs dynamics": lambda: gym.make_vec("MiniRobots/CoSimPair-v0", num_envs=1).unwrapped,
     "parallel grid": lambda: envs.parallel_env("2"),
-    "parallel vector": lambda: envs.parallel_vector_env("2", num_envs=2),
     "drive": lambda: DriveEnv(observe="estimated", context=True),
     "drive vector": lambda: DriveVectorEnv(2, "2", worlds=envs.ROBUST_WORLDS),
 }
@@ -47,8 +46,7 @@ def step(env, action=2):
     elif isinstance(env, gym.vector.VectorEnv):
         actions = np.full(env.num_envs, action)
     elif hasattr(env, "possible_agents"):
-        one = np.full(env.num_envs, action) if hasattr(env, "num_envs") else action
-        actions = dict.fromkeys(env.agents, one)
+        actions = dict.fromkeys(env.agents, action)
     else:
         actions = action
     return repr(env.step(actions))  # pyright: ignore[reportArgumentType]
@@ -59,8 +57,7 @@ def begin(env):
     if isinstance(env, DriveEnv | DriveVectorEnv):
         env.reset(seed=3)
         return
-    robots = len(getattr(env, "possible_agents", [0]))
-    boards = getattr(env, "num_envs", 0)
+    robots, boards = len(getattr(env, "possible_agents", [0])), 0
     if isinstance(env, RobotsVectorEnv):
         robots, boards = env.scenario.robots, env.boards
     starts = np.array([[5, 20], [25, 9]])[:robots]
@@ -100,8 +97,8 @@ def test_a_closed_environment_is_not_used_but_can_be_reset(name):
 
 
 def test_states_of_another_number_of_boards_are_refused():
-    pairs, more = (envs.parallel_vector_env("2", num_envs=n) for n in (2, 3))
-    group = envs.parallel_vector_env("4-cross", num_envs=2)
+    pairs, more = (RobotsVectorEnv(n, "2") for n in (2, 3))
+    group = RobotsVectorEnv(2, "4-cross")
     for other in (more, group):
         with pytest.raises(
             StateError, match=r"a state of \d boards of \d robots does not fit 2 of 2"
@@ -255,15 +252,12 @@ def test_time_limits_are_those_of_gymnasium(make):
     assert gym.spec("MiniRobots/CoSim-v0").max_episode_steps == 300
 
 
-def test_flattened_environments_can_be_made_again():
-    env = envs.FlattenState(gym.make("MiniRobots/SingleA-v0"))
+def test_environments_can_be_made_again():
+    env = gym.make("MiniRobots/SingleA-v0")
     assert env.spec is not None
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))
     assert again.observation_space == env.observation_space
-    assert again.reset(seed=4)[0] == env.reset(seed=4)[0]
-    rows = envs.FlattenStateVector(gym.make_vec("MiniRobots/SingleA-v0", num_envs=2))
-    assert rows.reset(seed=4)[0][0] == env.reset(seed=4)[0]
-    assert rows.observation_space.shape == (2,)
+    assert again.reset(seed=4)[0].tolist() == env.reset(seed=4)[0].tolist()
 
 
 @pytest.mark.parametrize("cosim", [False, True])

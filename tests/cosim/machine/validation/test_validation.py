@@ -19,16 +19,10 @@ from cosim.machine.validation.driving import (
     sideways,
 )
 from cosim.machine.validation.published import PATHS, SPEEDS, PublishedPath, step_um
-from cosim.machine.validation.report import report_of
+from cosim.machine.validation.report import ValidationReport, report_of
 from cosim.machine.validation.sensitivity import PARAMETERS, closed_form
 from cosim.machine.validation.tables import text_of
-from cosim.machine.validation.validate import (
-    QUICK,
-    DrivenPath,
-    Sensitivity,
-    Validation,
-    validate,
-)
+from cosim.machine.validation.validate import QUICK, validate
 from cosim.model.config import CoSimConfig
 
 
@@ -77,21 +71,24 @@ def test_closed_form_sensitivities_are_of_robots_on_the_floor():
 
 
 @pytest.fixture
-def made_up() -> Validation:
+def made_up() -> ValidationReport:
     """Speeds of twice those published, and paths that end 3 mm and 4 mm off."""
     speeds = [(p, MeasuredSpeed(2e-3 * (p.value or 1.0), 0.0, 1.0, 0.5)) for p in SPEEDS]
     slopes: dict[str, float | None] = dict.fromkeys((*PARAMETERS, "motor speed"), 2.0)
     slopes |= {"mu": -1.0, "mass_kg": 0.5}
     points = [p for p in SPEEDS if p.preset == "icra2006" and p.value is not None]
-    return Validation(
+    ends = [[3e-3, 4e-3, 0.1]] * 2
+    return report_of(
         speeds,
-        [Sensitivity(p, slopes, {"mu": -3.0}) for p in points],
-        [DrivenPath(path, True, [[3e-3, 4e-3, 0.1]] * 2) for path in (*PATHS, None)],
+        [(p, slopes, {"mu": -3.0}) for p in points],
+        [(path, True, ends) for path in (*PATHS, None)],
+        QUICK.phases,
+        seed=0,
     )
 
 
 def test_tables_compare_and_explain(made_up):
-    report = report_of(made_up, QUICK, 0)
+    report = made_up
     speed = report.speeds[0]
     assert (speed.simulated, speed.published, speed.ratio) == (1.0, 0.5, 2.0)
     assert (
