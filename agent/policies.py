@@ -9,7 +9,7 @@ from agent.method import method_of
 from agent.training.group_policy import GroupPolicy
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import FILE, Policy, PolicyConfig
-from agent.training.settings import refuse_former
+from agent.training.store import policy_kind
 from agent.zoo import PREFIX, zoo_policy
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import parsing, read_arrays
@@ -43,12 +43,9 @@ def _of_file(path: Path) -> Policy | PairPolicy | GroupPolicy | NetworkPolicy:
     arrays = read_arrays(path, FILE, ("config",))
     with parsing(path, FILE):
         config = dict(json.loads(arrays["config"].tobytes()))
-        refuse_former(config.get("objective"), f"{path}: a policy by the method")
-        pair = config.get("objective") == "fastest" and len(config["scenario"]["targets"]) > 1
-        pair |= dict(config.get("learning", {})).get("algorithm") == "pair"
+        robots = len(config["scenario"]["targets"])
     if "network" not in config:
-        planned = config.get("objective") == "planned"
-        return (GroupPolicy if planned else PairPolicy if pair else Policy).load(path)
+        return policy_kind(config.get("objective"), robots).load(path)
     return NetworkPolicy.load(path)
 
 

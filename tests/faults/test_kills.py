@@ -46,7 +46,7 @@ WRITERS = {
     "robustness": ("--quick", "--scenario", "1a", "--methods", "paper", "--axes", "nothing"),
     "baselines": ("--quick", "--scenarios", "1b", "--learners", "shortest"),
 }
-GROWING = {"certificate.json", "checkpoint.npz", "summary.json", "timings.json"}
+GROWING = {"certificate.json", "summary.json", "timings.json"}
 ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
