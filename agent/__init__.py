@@ -51,8 +51,8 @@ def train(
 
     Args:
         scenario: name of a built-in scenario, scenario file (.toml) or record.
-        method: one of `methods()`; by default "paper" for one robot or two, "planned" for up to
-            eight, each on a board of up to 1000 cells, else "moves".
+        method: one of `methods()`; by default "paper" for one robot or two on a board of up to
+            1000 cells without obstacles, "planned" for three to eight, else "moves".
         seed: of training.
         episodes: of training, the method's own number by default.
         motor_fmu: motor FMU for observing moves, in methods that use moves; by default

@@ -7,7 +7,7 @@ the length of all robots' paths together, which are computed. So is "fastest", t
 observed moves, which tells turns from straight lines, of one robot or of two together (two on
 moves through cells). "planned" is for groups: robots plan in space and time on mean times of
 moves, again at every decision (`agent.moves.group`).
-`minirobots run` uses "paper" for one robot and two, and "planned" for more.
+`minirobots run` uses "paper" for one robot and two, "planned" for more, and "moves" next to obstacles.
 """
 
 from dataclasses import replace
@@ -45,10 +45,14 @@ def drives_through(method: str, scenario: Scenario) -> bool:
 
 
 def best_method(scenario: Scenario) -> Method:
-    """Return the default: "paper" for one robot or two, "planned" for more; else "moves"."""
+    """Return the default: "paper" for one robot or two, "planned" for more; else "moves".
+
+    On the grid robots learn paths along obstacles that they touch in the dynamics.
+    """
     if scenario.robots > 2:
         return "planned" if can_plan(scenario) else "moves"
-    return "paper" if scenario.columns * scenario.rows <= _LARGE_CELLS else "moves"
+    large = scenario.columns * scenario.rows > _LARGE_CELLS
+    return "moves" if large or scenario.obstacles else "paper"
 
 
 def method_config(

@@ -49,7 +49,7 @@ FACTS: dict[Method, MethodFacts] = {
         "any",
         "Q-learning on moves observed in the co-simulation",
         "",
-        "default for large boards and swarms; for worlds that are not ideal",
+        "default with obstacles, on large boards and for swarms",
     ),
     "shortest": MethodFacts("1, 2", f"computed: {_OPTIMUM}, by path", "", "bound of the path"),
     "fastest": MethodFacts(

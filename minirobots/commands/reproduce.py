@@ -12,7 +12,7 @@ class Reproduce(Resumable):
 
     Results go to DIR/results, figures to DIR/figures, the page to DIR/report; open it with
     `python -m analysis.serve DIR/report`. The same command continues after an interrupt: stages
-    that the same code has finished are kept, an interrupted training continues from a checkpoint.
+    that the same code has finished are kept, an interrupted sweep continues with its next run.
     The time of each stage is in DIR/results/timings.json.
     """
 

@@ -50,8 +50,8 @@ class Run(NewFolder, Simulating):
     """Episodes to co-simulate, each from start cells drawn with the seed."""
     method: Method | None = None
     """How agents learn: on the grid as in Section V (paper, the default for one robot or two on up
-    to 1000 cells), or on moves observed in co-simulation (moves, the default for larger boards and
-    swarms). Or they are computed without learning: of one or two robots the joint paths that are
+    to 1000 cells), or on moves observed in co-simulation (moves, the default with obstacles, for
+    larger boards and for swarms). Or they are computed without learning: of one or two robots the joint paths that are
     optimal on the grid by length (shortest), of one or two the least time on observed moves
     (fastest; two with --through), of up to eight paths in space and time, which they plan while
     they drive (planned, the default for three to eight)."""
