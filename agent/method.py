@@ -6,8 +6,7 @@ with the bearing of the other robot; each walk of these may have a world of its 
 the length of all robots' paths together, which are computed. So is "fastest", the least time on
 observed moves, which tells turns from straight lines, of one robot or of two together (two on
 moves through cells). "planned" is for groups: robots plan in space and time on mean times of
-moves, again at every decision (`agent.moves.group`).
-`minirobots run` uses "paper" for one robot and two, "planned" for more, and "moves" next to obstacles.
+moves, again at every decision (`agent.moves.group`). Defaults are those of `best_method`.
 """
 
 from dataclasses import replace

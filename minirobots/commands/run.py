@@ -51,10 +51,10 @@ class Run(NewFolder, Simulating):
     method: Method | None = None
     """How agents learn: on the grid as in Section V (paper, the default for one robot or two on up
     to 1000 cells), or on moves observed in co-simulation (moves, the default with obstacles, for
-    larger boards and for swarms). Or they are computed without learning: of one or two robots the joint paths that are
-    optimal on the grid by length (shortest), of one or two the least time on observed moves
-    (fastest; two with --through), of up to eight paths in space and time, which they plan while
-    they drive (planned, the default for three to eight)."""
+    larger boards and for swarms). Or they are computed without learning: of one or two robots the
+    joint paths that are optimal on the grid by length (shortest), of one or two the least time on
+    observed moves (fastest; two with --through), of up to eight paths in space and time, which they
+    plan while they drive (planned, the default for three to eight)."""
     train_episodes: Count | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), and 1 500 000 on moves."""
     seed: Seed = 0
