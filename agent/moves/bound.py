@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 
-from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after
 from agent.mdp.readings import Process
 from agent.moves.model import KINDS, MovesError, ObservedMoves, move_kind
@@ -109,19 +108,3 @@ def fastest_tables(process: Process, moves: ObservedMoves) -> tuple[np.ndarray, 
     decided = (value > 0.0) & (value < np.inf)
     table = np.where(decided[..., None] & (time_s < np.inf), -time_s, IMPOSSIBLE)
     return table.reshape(1, -1, DIRECTION_COUNT).astype(np.float32), decided.reshape(1, -1)
-
-
-def least_times_of_starts(process: Process, moves: ObservedMoves, starts: np.ndarray) -> np.ndarray:
-    """(K,) float64, lower bound in s of the mean time until all robots have arrived.
-
-    Args:
-        process: the board.
-        moves: of one world.
-        starts: (K, N, 2) int64 cells; robots face the middle of the board.
-
-    Raises:
-        MovesError: see `mean_seconds`.
-    """
-    value = least_times(process, moves)[..., STARTING_AXIS]
-    index = starts[..., 0] * (process.terrain.shape[2] - 2) + starts[..., 1]
-    return value[np.arange(index.shape[1]), index].max(axis=1)

@@ -31,7 +31,7 @@ class Train(NewFolder):
     config: File | None = None
     """Settings file with tables [process] and [learning]; options given here override it."""
     moves: File | None = None
-    """Moves observed by `python -m agent.moves`: train on them instead of the grid."""
+    """Moves observed by `minirobots moves`: train on them instead of the grid."""
     where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = PROCESSES
     log: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder of event files for TensorBoard, with a folder for each run; by default none. It needs

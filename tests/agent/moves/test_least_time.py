@@ -12,7 +12,7 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
 from agent.mdp.rng import seeded_state
 from agent.moves import kernels
-from agent.moves.bound import fastest_tables, least_times, least_times_of_starts, mean_seconds
+from agent.moves.bound import fastest_tables, least_times, mean_seconds
 from agent.moves.model import (
     KINDS,
     NO_DIRECTION,
@@ -119,14 +119,15 @@ def test_obstacles_are_gone_around():
     assert found[0, 2].tolist() == [18.0] * 4  # five moves to the gap in the wall, and four back
 
 
-def test_the_slowest_robot_counts_and_times_are_means_in_rl_steps():
+def test_times_are_means_in_rl_steps():
     two = replace(BOARD, targets=((1, 4), (0, 0)), starts=(((5, 0),), ((0, 5),)))
     process = build_process(two, ProcessConfig())
     short, long = lasting(*[1.9] * KINDS), lasting(*[4.1] * KINDS)
     both = ObservedMoves("", 0, short.moves + long.moves)
     assert mean_seconds(both).tolist() == [4.0] * KINDS  # 1 RL step of 2 s, or 3
-    starts = np.array([[[5, 0], [0, 5]], [[5, 0], [0, 1]]])
-    assert least_times_of_starts(process, both, starts).tolist() == [20.0, 16.0]
+    found = least_times(process, both).reshape(2, 6, 6, 4)
+    assert found[0, 5, 0].tolist() == [16.0] * 4
+    assert (found[1, 0, 5].tolist(), found[1, 0, 1].tolist()) == ([20.0] * 4, [4.0] * 4)
 
 
 @pytest.mark.parametrize("change", [{"stop_x": 0.6}, {"direction": 1}])
