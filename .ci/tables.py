@@ -65,10 +65,6 @@ PICTURES = {
     "validation": Picture(
         "validation", "preset | manoeuvre", {"simulated": "simulated", "published": "published"},
         "{preset}, {manoeuvre}, {rad/s} rad/s", "mm/s, range over phases", keep="wards"),
-    "methods": Picture(
-        "methods", "scenario | `--through`", {"time": "pair", "`fastest`": "fastest"},
-        "scenario {scenario}, --through {`--through`}, shield {shield}",
-        "s until all robots have arrived"),
 }  # fmt: skip
 
 

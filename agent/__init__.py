@@ -18,12 +18,13 @@ from cosim.model.scenario_file import find_scenario
 
 if TYPE_CHECKING:
     from agent.mdp.greedy import GreedyPolicy
+    from agent.moves.worlds import WorldRange
 
 __all__ = ["Policy", "UserError", "load", "methods", "train"]
 
 
 def methods() -> tuple[str, ...]:
-    """Names of the methods of training, the best one first; see `agent.method`."""
+    """Names of the methods that make policies; see `agent.method`."""
     from agent.method import METHODS  # noqa: PLC0415 - numba is slow to import
 
     return METHODS
@@ -38,6 +39,7 @@ def train(
     episodes: int | None = None,
     motor_fmu: str | Path | None = None,
     motor_parameters: Mapping[str, float] = {},
+    worlds: "WorldRange | None" = None,
     again: bool = False,
     progress: Progress | None = automatic,
 ) -> "GreedyPolicy":
@@ -49,14 +51,16 @@ def train(
 
     Args:
         scenario: name of a built-in scenario, scenario file (.toml) or record.
-        method: one of `methods()`; by default "moves" for one robot, "pair" for two and "planned"
-            for up to eight on a board of up to 1000 cells, else "moves".
+        method: one of `methods()`; by default "paper" for one robot or two on a board of up to
+            1000 cells without obstacles, "planned" for three to eight, else "moves".
         seed: of training.
         episodes: of training, the method's own number by default.
         motor_fmu: motor FMU for observing moves, in methods that use moves; by default
             the built-in one.
         motor_parameters: of the motor FMU while its moves are observed, set through FMI, in its
             units, such as {"J": 5e-9}.
+        worlds: ranges from which every walk of the observed moves draws its world, such as
+            `agent.envs.ROBUST_WORLDS`; only for the method "moves".
         again: train even if the policy is there.
         progress: receives what is calibrated, observed and trained; by default it is shown on
             stderr if the call takes more than two seconds. None shows nothing.
@@ -87,10 +91,12 @@ def train(
                 f"seed = {seed} has no effect: method {method} is computed; leave it out, or "
                 "choose a method that learns, such as moves"
             )
-        for name, value in motors.items():
-            if value and method not in ON_MOVES:
+        for name, value in (*motors.items(), ("worlds", worlds)):
+            users = ("moves",) if name == "worlds" else ON_MOVES
+            if value and method not in users:
                 raise UserError(
-                    f"{name} has no effect on training by method {method}; leave it out"
+                    f"{name} has no effect on method {method}; leave it out, or choose a method "
+                    "that uses it, such as moves"
                 )
         policy, *_ = method_policy(
             method,
@@ -98,6 +104,7 @@ def train(
             seed,
             episodes=taken("episodes", episodes, int | None),
             **motors,
+            worlds=worlds,
             again=taken("again", again, bool),
             progress=progress or silent,
         )

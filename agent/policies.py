@@ -24,7 +24,7 @@ def load_policy(
         PolicyError: no such file, not a policy, another schema, or another scenario.
     """
     config, *_ = read_policy(path, ())
-    policy = policy_kind(config).load(path)
+    policy = policy_kind(config.objective, config.scenario.robots).load(path)
     if scenario is not None:
         policy.require_scenario(scenario, f"{path}: the policy")
     return policy

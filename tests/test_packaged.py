@@ -47,7 +47,7 @@ DEFAULTS = {
     "calibration on another floor": slippery,
     "shield": shielded,
     "moves": learning("moves"),
-    "moves through cells": learning("pair"),
+    "moves through cells": learning("fastest"),
 }
 
 

@@ -130,7 +130,7 @@ class DynamicsBoards(EnvBoards):
     ) -> RunningEpisode:
         """Begin an episode from (N, 2) cells, in a world that `rng` draws."""
         config = self._config
-        if self._worlds is not None:  # steering keeps its calibration, as in training of `robust`
+        if self._worlds is not None:  # steering keeps its calibration, as in drawn worlds
             side = max(self.scenario.columns, self.scenario.rows)
             config = config.in_world(draw_world(self._worlds, side, side // 2, rng))
         if mu is not None:

@@ -18,10 +18,9 @@ from agent.experiments.results import (
 )
 from agent.experiments.variants import EXPERIMENTS, REFERENCES, Name
 from agent.training.recording import require_tensorboard, write_events, write_runs
-from agent.training.runs import RECORDING_FILE, Experiment, train_runs
+from agent.training.runs import RECORDING_FILE, Experiment, run_name, train_runs
 from agent.training.settings import LearningConfig
 from agent.training.store import POLICY_FILE
-from agent.training.worker import run_name
 from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import write_json
@@ -33,7 +32,6 @@ def train_and_evaluate(
     out: Path,
     *,
     where: Workers = PROCESSES,
-    checkpoint_episodes: int = 500_000,
     log: Path | None = None,
     progress: Progress = silent,
 ) -> TrainingSummary:
@@ -42,7 +40,7 @@ def train_and_evaluate(
     Args:
         experiment: what to train.
         out: folder, which may have some of the runs already.
-        where, checkpoint_episodes, progress: see `agent.training.runs.train_runs`.
+        where, progress: see `agent.training.runs.train_runs`.
         log: folder of event files for TensorBoard, one in a folder for each run.
 
     Raises:
@@ -53,12 +51,7 @@ def train_and_evaluate(
     began = time.perf_counter()
     scenario = experiment.scenario.name
     results = train_runs(
-        experiment,
-        out,
-        where=where,
-        checkpoint_episodes=checkpoint_episodes,
-        progress=progress,
-        task=f"scenario {scenario}",
+        experiment, out, where=where, progress=progress, task=f"scenario {scenario}"
     )
     seconds = time.perf_counter() - began
     if log is not None:

@@ -1,7 +1,7 @@
 """splitmix64 as numba kernels: one 64-bit word of state, the same bits in C and in numba.
 
 Not a general random library: only what the training kernels draw. The state is an array of one
-uint64, so that a checkpoint can keep it and a resumed run continues with the next number.
+uint64, so that a policy's file can keep it.
 """
 
 import numpy as np

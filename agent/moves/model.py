@@ -8,7 +8,6 @@ permanently. Observing moves is `agent.moves`, moving robots by them `agent.move
 """
 
 import math
-from collections import Counter
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -78,14 +77,6 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     walks: tuple[int, ...] = ()
     rl_step_s: float = TIMING.rl_step_s
     through: bool = False
-
-    def counts(self) -> dict[tuple[int, int, int], Counter[tuple[int, int, int]]]:
-        """Count (Δcolumn, Δrow, RL steps) after each (direction, heading, previous direction)."""
-        counts: dict[tuple[int, int, int], Counter[tuple[int, int, int]]] = {}
-        for move in self.moves:
-            given = counts.setdefault((move.direction, move.heading, move.previous), Counter())
-            given[move.columns, move.rows, math.ceil(move.duration_s / self.rl_step_s)] += 1
-        return counts
 
     def save(self, path: Path) -> None:
         """Write as JSON, whole or not at all.

@@ -1,8 +1,7 @@
 """Worlds that walks are observed in: domain randomisation, by declared ranges.
 
-What a policy meets later is drawn from no list that training knows: it learns on moves of many
-worlds, each walk in its own (Tobin et al. 2017, Domain randomization). Environments draw one for
-every episode.
+Moves for learning can be observed in many worlds, each walk in its own (Tobin et al. 2017, Domain
+randomization): `minirobots moves --worlds`. Environments draw one for every episode.
 """
 
 import math
@@ -27,19 +26,19 @@ class WorldRange(NamedTuple):
     (0.0, 0.0)
     """
 
-    mu: Range | None = None  # of the floor, and of every patch
-    patches: int = 0
-    patch_cells: tuple[int, int] = (1, 1)  # side of a patch
-    motor_spread: Range = (0.0, 0.0)
-    restitution: Range = (0.0, 0.0)
-    floor_tilt_deg: Range = (0.0, 0.0)
-    payload_g: Range = (0.0, 0.0)
-    payload_offset_mm: Range = (0.0, 0.0)
-    rate_hz: Range = (0.0, 0.0)
-    delay_ms: Range = (0.0, 0.0)
-    position_noise_mm: Range = (0.0, 0.0)
-    heading_noise_deg: Range = (0.0, 0.0)
-    dropout: Range = (0.0, 0.0)
+    mu: Range | None = None  # Friction coefficient of the floor, and of every patch.
+    patches: int = 0  # Number of patches with a friction coefficient of their own.
+    patch_cells: tuple[int, int] = (1, 1)  # Side of a patch in cells.
+    motor_spread: Range = (0.0, 0.0)  # Scatter of the motors' parameters, relative.
+    restitution: Range = (0.0, 0.0)  # Of the feet on the floor, 0 to 1.
+    floor_tilt_deg: Range = (0.0, 0.0)  # Slope of the floor.
+    payload_g: Range = (0.0, 0.0)  # Mass that a robot carries.
+    payload_offset_mm: Range = (0.0, 0.0)  # Place of the payload along each axis of the robot.
+    rate_hz: Range = (0.0, 0.0)  # Frames per second of the camera.
+    delay_ms: Range = (0.0, 0.0)  # From a frame to its use.
+    position_noise_mm: Range = (0.0, 0.0)  # Standard deviation of measured positions.
+    heading_noise_deg: Range = (0.0, 0.0)  # Standard deviation of measured headings.
+    dropout: Range = (0.0, 0.0)  # Probability that a frame is lost.
 
 
 RANGES = WorldRange(
@@ -103,7 +102,7 @@ def checked_ranges(worlds: Any, config: CoSimConfig) -> WorldRange:
     """Return ranges of valid worlds, with μ.
 
     Args:
-        worlds: as given to an environment.
+        worlds: as a user gives them.
         config: of its robots.
 
     Raises:

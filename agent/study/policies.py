@@ -13,7 +13,7 @@ from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.readings import Process, build_process
 from agent.method import method_policy
 from agent.policies import load_policy
-from agent.training.settings import METHODS, refuse_former
+from agent.training.settings import METHODS
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError, shown
 from cosim.base.progress import Progress, silent
@@ -87,7 +87,6 @@ def policy_of(
             scenario.
     """
     name = str(given) if isinstance(given, str | Path) else None
-    refuse_former(name, "method")
     if isinstance(given, GreedyPolicy | ObjectPolicy):
         if scenario is not None:
             given.require_scenario(scenario)

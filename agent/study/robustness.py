@@ -23,7 +23,7 @@ from agent.study.episodes import (
 from agent.study.plot import draw_success
 from agent.study.policies import trained
 from agent.study.store import EpisodeStore
-from agent.training.settings import IN_WORLDS
+from agent.training.settings import COMPARED
 from cosim.base.jobs import Workers, until
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing
@@ -69,7 +69,7 @@ def robustness(
     *,
     scenario: str = "4",
     axes: Collection[Axis] = AXES,
-    methods: Collection[str] = IN_WORLDS,
+    methods: Collection[str] = COMPARED,
     episodes: int | None = None,
     quick: bool = False,
     seed: int = 0,
@@ -84,7 +84,7 @@ def robustness(
     may_begin, store = until(budget_minutes), EpisodeStore(out / "results")
     wanted = _QUICK_EPISODES if quick else episodes or _EPISODES
     board, lines = find_scenario(scenario, ideal=True), []
-    policies = {m: trained(m, board, out, seed, progress) for m in IN_WORLDS if m in methods}
+    policies = {m: trained(m, board, out, seed, progress) for m in COMPARED if m in methods}
     for point in (p for axis in AXES if axis in axes for p in points(axis, board, world)):
         for method, policy in policies.items():
             for shield in (False, True) if point.axis == "everything" else (False,):

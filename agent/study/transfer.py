@@ -29,7 +29,7 @@ from agent.study.episodes import (
 )
 from agent.study.policies import trained
 from agent.study.store import EpisodeStore
-from agent.training.settings import BEST, COMPARED, METHODS
+from agent.training.settings import COMPARED, METHODS
 from cosim.base.jobs import Workers, until
 from cosim.base.progress import Progress, silent
 from cosim.base.table import markdown as table_text
@@ -41,7 +41,8 @@ from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import SimulationOptions
 
 MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
-# Episodes of a pair in rows of the best method at the default friction, and of all other rows.
+_DETAILED = "moves"  # method with rows of every friction coefficient, and with goals
+# Episodes of a pair in rows of that method at the default friction, and of all other rows.
 _MANY, _SOME, QUICK_EPISODES = 200, 50, 2
 _SUCCESS, _PATH_RATIO = 0.99, 1.25  # goals of the best method
 COLUMNS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
@@ -107,12 +108,12 @@ def transfer(
     for method in (method for method in METHODS if method in methods):
         boards = [find_scenario(name, ideal=True) for name in scenarios]
         policies = [trained(method, board, out, seed, progress) for board in boards]
-        mus = MUS if method == BEST else MUS[:1]
+        mus = MUS if method == _DETAILED else MUS[:1]
         for mu, policy, shield in product(mus, policies, (False, True)):
             options = SimulationOptions(mu=mu, shield=shield)
             case = case_of(policy, options, seed, progress=progress)
             wanted = QUICK_EPISODES if quick else _SOME
-            if method == BEST and mu == TABLE_I.mu and not shield and not quick:
+            if method == _DETAILED and mu == TABLE_I.mu and not shield and not quick:
                 wanted = len(case.starts) if policy.config.scenario.robots == 1 else _MANY
             indices = case.sample(min(wanted, len(case.starts)))
             lines.append(StudyLine(case, indices, {"method": method}))
@@ -123,7 +124,7 @@ def transfer(
         complete=all(row.episodes == row.planned for row in rows),
         episode_wall_s=sum(row.wall_s for row in rows),
         simulated=sum(len(store.file(line.case).results) for line in lines),
-        goals=tuple(goals(row for row in rows if row.method == BEST)),
+        goals=tuple(goals(row for row in rows if row.method == _DETAILED)),
         rows=rows,
     )
     write_report(out / "transfer", report, markdown(report))

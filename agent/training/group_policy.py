@@ -109,9 +109,8 @@ class GroupPolicy(GreedyPolicy):
 
     def maps(self) -> list[PolicyMap]:
         """Minus the least time of each robot as if alone, and the direction that leads to it."""
-        group, scenario = self.group, self.config.scenario
-        alone = group.around[:, 0].astype(float)
-        return alone_maps(group.after, group.seconds, alone, None, scenario)
+        group, alone = self.group, self.group.around[:, 0].astype(float)
+        return alone_maps(group.after, group.seconds, alone, self.config.scenario)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Nothing: plans follow from the configuration."""

@@ -50,10 +50,8 @@ class TrainingState:
     """Everything a training run is made of between two episodes.
 
     Attributes:
-        q: (tables, N, states, 8) float32, Q tables; two tables for double Q-learning. Of a pair
-            that learns together its delays, see `agent.training.pair_learning`.
-        visits: (N, states) uint32, how often each robot decided in each state; of a pair in the
-            shape of `q`, how often something was learnt.
+        q: (tables, N, states, 8) float32, Q tables; two tables for double Q-learning.
+        visits: (N, states) uint32, how often each robot decided in each state.
         random: (1,) uint64, generator state.
         curve: (points, RETURNS + N) float64, sums over the window of each point: episodes,
             successes, path length in cells (mean over robots, successes only), moves (the same),
@@ -118,26 +116,19 @@ def map_points(config: LearningConfig) -> np.ndarray:
 
 
 def initial_state(
-    process: Process,
-    config: LearningConfig,
-    seed: int | np.random.SeedSequence,
-    table: np.ndarray | None = None,
+    process: Process, config: LearningConfig, seed: int | np.random.SeedSequence
 ) -> TrainingState:
-    """Tables of zeros, or the one table of a pair, and a seeded generator."""
+    """Tables of zeros and a seeded generator."""
     robots = process.terrain.shape[0]
     tables = 2 if config.algorithm == "double_q" else 1
     points = -(-config.episodes // config.log_episodes)
     columns, rows = (size - 2 for size in process.terrain.shape[1:])
-    mapped = robots * columns * rows <= MAX_MAPPED_CELLS and table is None
+    mapped = robots * columns * rows <= MAX_MAPPED_CELLS
     moments = len(map_points(config)) if mapped else 0
-    if table is None:
-        table = np.zeros((tables, robots, process.state_count, DIRECTION_COUNT), dtype=np.float32)
-        visits = np.zeros((robots, process.state_count), dtype=np.uint32)
-    else:
-        visits = np.zeros(table.shape, dtype=np.uint32)
+    shape = (tables, robots, process.state_count, DIRECTION_COUNT)
     return TrainingState(
-        q=table,
-        visits=visits,
+        q=np.zeros(shape, dtype=np.float32),
+        visits=np.zeros((robots, process.state_count), dtype=np.uint32),
         random=seeded_state(seed),
         curve=np.zeros((points, RETURNS + robots)),
         greedy=np.full((min(config.greedy_points, config.episodes), 3), np.nan),

@@ -1,7 +1,7 @@
-"""One training run from start to end: chunks with progress and checkpoints, learning curves.
+"""One training run from start to end: chunks with progress, and learning curves.
 
 The compiled loop is `agent.training.qlearning`; where results are kept is `agent.training.store`;
-many runs at once are `agent.train`. How a run is cut into chunks cannot change its bits.
+many runs at once are `agent.training.runs`. How a run is cut into chunks cannot change its bits.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,6 @@ import numpy as np
 from agent.mdp.exact import cell_map, evaluate, some_starts
 from agent.mdp.readings import build_process
 from agent.moves.model import MoveModel, build_model
-from agent.moves.pair import evaluate_pair, moves_of_pair
 from agent.training.learning import (
     EPISODES,
     PATH_CELLS,
@@ -27,7 +26,6 @@ from agent.training.learning import (
     map_points,
 )
 from agent.training.moves_qlearning import advance_moves
-from agent.training.pair_learning import EXCESS, advance_pair, first_delay, of_both
 from agent.training.policy import PolicyConfig
 from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig
@@ -95,8 +93,8 @@ class TrainingLog(NamedTuple):
     greedy_success: np.ndarray
     greedy_path_length_cm: np.ndarray
     greedy_steps: np.ndarray
-    map_episode: np.ndarray = np.zeros(0, dtype=np.int64)
-    maps: np.ndarray = np.zeros((0, 0, 3, 0, 0), dtype=np.float32)
+    map_episode: np.ndarray
+    maps: np.ndarray
 
     def save(self, path: Path) -> None:
         """Write as `.npz`, whole or not at all."""
@@ -110,10 +108,7 @@ class TrainingLog(NamedTuple):
         Raises:
             TrainingLogError: it is missing or damaged.
         """
-        # Curves from before maps were kept are valid too.
-        optional = tuple(cls._field_defaults)
-        names = [name for name in cls._fields if name not in optional]
-        return cls(**read_arrays(path, _FILE, names, optional))
+        return cls(**read_arrays(path, _FILE, cls._fields))
 
 
 def greedy_episodes(config: LearningConfig) -> np.ndarray:
@@ -131,65 +126,34 @@ def move_model(config: PolicyConfig) -> MoveModel | None:
     return build_model(config.moves, contact_m / scenario.cell_m)
 
 
-def fresh_state(task: PolicyConfig) -> TrainingState:
-    """Return the state that the training of a configuration begins with.
+def run_training(task: PolicyConfig, *, progress: ProgressCallback | None = None) -> TrainingState:
+    """Train from nothing to the last episode.
+
+    Args:
+        task: the configuration of the run.
+        progress: called after every chunk.
 
     Raises:
         UserError: the scenario cannot be used with these interpretations.
     """
-    process = build_process(task.scenario, task.process)
-    if task.learning.algorithm != "pair":
-        return initial_state(process, task.learning, task.seed.sequence())
-    assert task.moves is not None
-    first = first_delay(process, moves_of_pair(process, task.moves), EXCESS)
-    table = of_both(first).astype(np.float32)
-    return initial_state(process, task.learning, task.seed.sequence(), table)
-
-
-def run_training(
-    task: PolicyConfig,
-    state: TrainingState,
-    *,
-    progress: ProgressCallback | None = None,
-    checkpoint: Callable[[TrainingState], None] | None = None,
-    checkpoint_episodes: int = 500_000,
-) -> None:
-    """Train a state to its last episode, in place.
-
-    Args:
-        task: the configuration that the state was made with.
-        state: fresh, or read from a checkpoint.
-        progress: called after every chunk.
-        checkpoint: called every `checkpoint_episodes` episodes with the state.
-        checkpoint_episodes: episodes between two checkpoints.
-    """
     config = task.learning
     process, model = build_process(task.scenario, task.process), move_model(task)
     learning = build_learning(config)
+    state = initial_state(process, config, task.seed.sequence())
     evaluations = greedy_episodes(config)
     starts = some_starts(process, MAX_CURVE_STARTS)
-    times = unseen = None
-    if config.algorithm == "pair" and task.moves is not None:
-        times = moves_of_pair(process, task.moves)._replace(delay=state.q)
-        unseen = of_both(first_delay(process, times))
     while state.episode < config.episodes:
         until = min(config.episodes, (state.episode // CHUNK_EPISODES + 1) * CHUNK_EPISODES)
         due = np.searchsorted(evaluations, state.episode, side="right")
         if due < len(evaluations):
             until = min(until, int(evaluations[due]))
-        before = state.episode
         if model is None:
             advance(process, learning, state, until)
-        elif times is not None:
-            advance_pair(process, model, learning, times, state, until, unseen=unseen)
         else:
             advance_moves(process, model, learning, state, until)
         if until in evaluations:
             values = state.q.mean(axis=0) if len(state.q) > 1 else state.q[0]
-            if times is not None:
-                result = evaluate_pair(process, times, starts)
-            else:
-                result = evaluate(process, values, starts)
+            result = evaluate(process, values, starts)
             state.greedy[due] = (
                 result.rate(Outcome.SUCCESS),
                 result.mean_path_cells(),
@@ -202,8 +166,7 @@ def run_training(
                 ]
         if progress is not None:
             progress(_progress(config, state))
-        if checkpoint is not None and before // checkpoint_episodes < until // checkpoint_episodes:
-            checkpoint(state)
+    return state
 
 
 def _progress(config: LearningConfig, state: TrainingState) -> TrainingProgress:

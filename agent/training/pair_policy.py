@@ -1,4 +1,4 @@
-"""The policy of two robots that look one joint move ahead, by times that are computed or learnt."""
+"""The policy of two robots that look one joint move ahead, by times that are computed."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,9 +12,7 @@ from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.joint import BLOCKED
 from agent.mdp.readings import build_process
 from agent.moves.pair import PairTimes, evaluate_pair, moves_of_pair, pair_values, solve_pair
-from agent.training.learning import TrainingState
-from agent.training.pair_learning import first_delay, kept_delay, of_both
-from agent.training.policy import Policy, PolicyConfig, read_policy
+from agent.training.policy import PolicyConfig, read_policy
 from cosim.base.provenance import digest_of
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
@@ -22,31 +20,22 @@ from cosim.recording.policy_map import PolicyMap
 
 
 def alone_maps(
-    after: np.ndarray,
-    seconds: np.ndarray,
-    alone: np.ndarray,
-    visits: np.ndarray | None,
-    scenario: Scenario,
+    after: np.ndarray, seconds: np.ndarray, alone: np.ndarray, scenario: Scenario
 ) -> list[PolicyMap]:
     """Maps of each robot as if alone: minus its least time, and the direction that leads to it.
 
     Args:
         after, seconds, alone: see `agent.moves.pair.PairTimes`, of any number of robots.
-        visits: (N, cells) of each robot, if it has learnt.
         scenario: board.
     """
     shape, axes = (scenario.columns, scenario.rows), np.arange(DIRECTION_COUNT) % AXIS_COUNT
-    found, visits = [], np.zeros(after.shape[:2]) if visits is None else visits
-    for own_after, own, seen in zip(after, alone, visits, strict=True):
+    found = []
+    for own_after, own in zip(after, alone, strict=True):
         rest = np.where(own_after == BLOCKED, np.inf, own[own_after, axes])
         action = (seconds[:, STARTING_AXIS] + rest).argmin(axis=1)
         value = -own[:, STARTING_AXIS]
         known = np.isfinite(value) & (value < 0.0)
-        layers = (
-            np.where(known, value, 0.0),
-            action,
-            np.where(known, np.maximum(seen, 1.0), 0.0),
-        )
+        layers = np.where(known, value, 0.0), action, known.astype(float)
         found.append(PolicyMap(*(layer.reshape(shape) for layer in layers)))
     return found
 
@@ -73,21 +62,17 @@ class PairPolicy(GreedyPolicy):
     """Joint moves of least time, looked for one move ahead.
 
     Attributes:
-        config: with moves of robots that drive through cells; the times are computed
-            (`agent.moves.pair`) or learnt (`agent.training.pair_learning`).
+        config: with moves of robots that drive through cells.
         delay: see `agent.moves.pair.PairTimes`.
-        episodes: of training; 0 if nothing is learnt.
-        visits: (2, cells) uint32, decisions of each robot in each cell while learning.
+        episodes: of training; none.
     """
 
     config: PolicyConfig
     delay: np.ndarray
     episodes: int = 0
-    visits: np.ndarray | None = None
 
     def __repr__(self) -> str:
-        made = self.config.objective or f"{self.episodes} episodes"
-        return f"PairPolicy(scenario {self.config.scenario.name}, {made} on moves)"
+        return f"PairPolicy(scenario {self.config.scenario.name}, {self.config.objective} on moves)"
 
     @classmethod
     def computed(cls, config: PolicyConfig) -> "PairPolicy":
@@ -129,16 +114,11 @@ class PairPolicy(GreedyPolicy):
     def maps(self) -> list[PolicyMap]:
         """Minus the least time of each robot as if alone, and the direction that leads to it."""
         times = self.times
-        scenario = self.config.scenario
-        return alone_maps(times.after, times.seconds, times.alone, self.visits, scenario)
+        return alone_maps(times.after, times.seconds, times.alone, self.config.scenario)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The delay of every joint state, of learnt ones what learning has changed."""
-        if self.config.objective is not None:
-            return {"delay": self.delay}
-        first = first_delay(self.process, self.times)
-        visits = {} if self.visits is None else {"visits": self.visits}
-        return {"delay": self.delay - of_both(first), "first": first} | visits
+        """The delay of every joint state."""
+        return {"delay": self.delay}
 
     @classmethod
     def load(cls, path: Path | str) -> "PairPolicy":
@@ -147,29 +127,8 @@ class PairPolicy(GreedyPolicy):
         Raises:
             PolicyError: no such file, not such a policy, or another schema.
         """
-        config, episodes, arrays = read_policy(path, ("delay",), ("first", "visits"))
-        cells = config.scenario.columns * config.scenario.rows
-        delay = arrays["delay"]
-        first = arrays.get("first", np.zeros((2, cells, AXIS_COUNT), np.uint16))
-        visits = arrays.get("visits", np.zeros((2, cells), np.uint32))
-        shapes = (delay.shape, first.shape, visits.shape)
-        types = (delay.dtype, first.dtype, visits.dtype)
-        if shapes != ((cells, AXIS_COUNT) * 2, (2, cells, AXIS_COUNT), (2, cells)) or types != (
-            np.uint16, np.uint16, np.uint32,
-        ):  # fmt: skip
+        config, _, arrays = read_policy(path, ("delay",))
+        cells, delay = config.scenario.columns * config.scenario.rows, arrays["delay"]
+        if (delay.shape, delay.dtype) != ((cells, AXIS_COUNT) * 2, np.uint16):
             raise PolicyError(f"{path}: times and configuration do not fit; compute it again")
-        return cls(config, delay + of_both(first), episodes, arrays.get("visits"))
-
-
-def of_pair(config: PolicyConfig) -> bool:
-    """Return whether the policy of a configuration is a `PairPolicy`."""
-    computed = config.objective == "fastest" and config.scenario.robots == 2
-    return computed or config.learning.algorithm == "pair"
-
-
-def trained_policy(config: PolicyConfig, state: TrainingState) -> Policy | PairPolicy:
-    """Return the policy of a training run."""
-    if not of_pair(config):
-        return Policy.of_training(config, state)
-    visits = np.stack([state.visits.sum(axis=(1, 2, 3)), state.visits.sum(axis=(0, 1, 3))])
-    return PairPolicy(config, kept_delay(state.q), state.episode, visits.astype(np.uint32))
+        return cls(config, delay)

@@ -16,6 +16,9 @@ import numpy as np
 from agent.mdp.config import Computed, ProcessConfig, refuse_without_effect
 from agent.mdp.exact import Evaluation, cell_map, evaluate
 from agent.mdp.greedy import GreedyPolicy, PolicyError, on_grid
+from agent.mdp.optimum import computed_tables
+from agent.mdp.readings import build_process
+from agent.moves.bound import fastest_tables
 from agent.moves.model import ObservedMoves
 from agent.training.learning import TrainingState
 from agent.training.settings import LearningConfig
@@ -60,7 +63,7 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Everything that decides the bits of a policy, kept in its file.
 
     With moves it was trained on these, without on the grid, with an objective computed. Its kernel
-    version is the hash of the code that made it; a number in files of earlier versions.
+    version is the hash of the code that made it.
 
     Raises:
         ScenarioError: an interpretation of the process has no effect on what it is trained on.
@@ -75,7 +78,7 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     moves: ObservedMoves | None = None
     objective: Computed | None = None
     schema_version: int = SCHEMA_VERSION
-    kernel_version: str | int = msgspec.field(default_factory=_training_code)
+    kernel_version: str = msgspec.field(default_factory=_training_code)
 
     def __post_init__(self) -> None:
         where = "training on the grid" if self.moves is None else "training on moves"
@@ -86,8 +89,6 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 "process: reward_per = time has no effect on moves with an RL step of "
                 f"{TIMING.rl_step_s:g} s, where both are the same; leave it at step"
             )
-        if self.learning.algorithm == "pair":
-            self._require_pair()
         if self.objective is None:
             return
         if self.learning != LearningConfig():
@@ -97,23 +98,6 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 "only fastest and planned paths use observed moves; "
                 f"{'leave them out' if self.moves else 'give some'}"
             )
-
-    def _require_pair(self) -> None:
-        wrong = {
-            f"scenario {self.scenario.name} has {self.scenario.robots} robots; choose one of two": (
-                self.scenario.robots != 2
-            ),
-            "it learns on observed moves; give some (--moves)": self.moves is None,
-            "one table of moves of many worlds is not learnt; observe moves of one world": (
-                self.moves is not None and bool(self.moves.walks)
-            ),
-            "it knows each robot's cell and axis; choose the features x, y, h and p": (
-                set(self.process.features) != {"x", "y", "h", "p"}
-            ),
-        }
-        for problem, found in wrong.items():
-            if found:
-                raise PolicyError(f"learning: algorithm = pair is for two robots: {problem}")
 
 
 @dataclass(frozen=True, repr=False)
@@ -150,6 +134,22 @@ class Policy(GreedyPolicy):
         """Snapshot of a training run."""
         arrays = (state.q.copy(), state.visits.copy(), state.random.copy())
         return cls(config, *arrays, episodes=state.episode)
+
+    @classmethod
+    def computed(cls, config: PolicyConfig) -> "Policy":
+        """Compute the policy of a configuration with an objective.
+
+        Raises:
+            UserError: the scenario is too large to compute optimal paths.
+        """
+        assert config.objective is not None
+        process = build_process(config.scenario, config.process)
+        if config.moves is None:
+            tables, decided = computed_tables(process, config.objective)
+        else:
+            tables, decided = fastest_tables(process, config.moves)
+        unused = np.zeros(1, dtype=np.uint64)
+        return cls(config, tables[None], decided.astype(np.uint32), unused, episodes=0)
 
     @cached_property
     def values(self) -> np.ndarray:
@@ -216,7 +216,7 @@ class Policy(GreedyPolicy):
 
 
 def read_policy(
-    path: Path | str, names: tuple[str, ...], optional: tuple[str, ...] = ()
+    path: Path | str, names: tuple[str, ...]
 ) -> tuple[PolicyConfig, int, dict[str, np.ndarray]]:
     """Return configuration, trained episodes and the arrays of these names of a policy file.
 
@@ -224,7 +224,7 @@ def read_policy(
         PolicyError: no such file, not a policy, another schema, or damaged.
     """
     path = Path(path)
-    arrays = read_arrays(path, FILE, (*names, "config"), optional)
+    arrays = read_arrays(path, FILE, (*names, "config"))
     with parsing(path, _CONFIG):
         description = dict(json.loads(arrays.pop("config").tobytes()))
     if description.get("schema_version") != SCHEMA_VERSION:
@@ -234,8 +234,6 @@ def read_policy(
         )
     digest, episodes = description.pop("scenario_digest", None), description.pop("episodes", 0)
     with parsing(path, _CONFIG):
-        if "transitions" in description:  # what earlier versions called them
-            description["moves"] = description.pop("transitions")
         config = msgspec.convert(description, PolicyConfig)
         trained = msgspec.convert(episodes, int)
     if digest != config.scenario.digest():

@@ -1,19 +1,15 @@
-"""Training runs in folders: many seeds of one configuration, checkpoints, going on after a kill.
+"""Training runs in folders: many seeds of one configuration, resumed run by run.
 
     experiment.json      configuration of all runs
     training.rrd         mean and scatter over the runs, if there are several
     run_000/policy.npz   trained policy (with policy.json next to it), written last
     run_000/training.npz learning curves (`agent.training.loop.TrainingLog`)
     run_000/training.rrd the same for the Rerun viewer
-    run_000/checkpoint.npz   only while the run is going on
 
-One run is `agent.training.worker`, where runs are computed `cosim.base.backends`, the command
-`minirobots train`.
+Where runs are computed is `cosim.base.backends`, the command `minirobots train`.
 """
 
-import contextlib
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,22 +17,13 @@ import msgspec
 import numpy as np
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.readings import build_process
 from agent.moves.model import ObservedMoves
 from agent.training.loop import TrainingLog
-from agent.training.policy import PolicyConfig, Seed
+from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.recording import write_training
 from agent.training.settings import LearningConfig
-from agent.training.store import POLICY_FILE, config_digest, load_run, save_run
-from agent.training.worker import (
-    CHECKPOINT_FILE,
-    PROGRESS_FILE,
-    RunTask,
-    clear_progress,
-    read_progress,
-    train_run,
-)
+from agent.training.store import POLICY_FILE, config_digest, load_run, save_run, train_policy
 from cosim.base.backends import sweep
 from cosim.base.errors import UserError
 from cosim.base.jobs import PROCESSES, JobKind, Workers, run
@@ -47,8 +34,6 @@ from cosim.model.scenario import Scenario
 
 EXPERIMENT_FILE = "experiment.json"
 RECORDING_FILE = "training.rrd"
-
-_POLL_S = 0.2
 
 
 class RunsError(UserError):
@@ -78,6 +63,23 @@ class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ]
 
 
+class RunTask(NamedTuple):
+    """One run, as a worker gets it.
+
+    Attributes:
+        config: of the run.
+        run: number of the run in its experiment.
+    """
+
+    config: PolicyConfig
+    run: int
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Equal for equal runs."""
+        return config_digest(self.config), self.run
+
+
 class RunResult(NamedTuple):
     """A finished run.
 
@@ -88,8 +90,13 @@ class RunResult(NamedTuple):
     """
 
     run: int
-    policy: GreedyPolicy
+    policy: Policy
     log: TrainingLog
+
+
+def run_name(run: int) -> str:
+    """Name of the folder of a run."""
+    return f"run_{run:03d}"
 
 
 def train_runs(
@@ -97,7 +104,6 @@ def train_runs(
     out: Path,
     *,
     where: Workers = PROCESSES,
-    checkpoint_episodes: int = 500_000,
     progress: Progress = silent,
     task: str = "training",
 ) -> list[RunResult]:
@@ -105,11 +111,9 @@ def train_runs(
 
     Args:
         experiment: what to train.
-        out: folder of the experiment, made if it is missing; runs that it has are only read, or
-            gone on with from their checkpoints.
+        out: folder of the experiment, made if it is missing; runs that it has are only read.
         where: backend and number of workers.
-        checkpoint_episodes: episodes between two checkpoints of a run.
-        progress: receives the episodes of all runs together, mean success and exploration.
+        progress: receives how many runs have ended.
         task: what progress calls it.
 
     Returns:
@@ -123,29 +127,26 @@ def train_runs(
     """
     out = out.absolute()
     build_process(experiment.scenario, experiment.process)  # refuse here, not in every worker
-    tasks = [
-        RunTask(config, number, out, experiment.runs, checkpoint_episodes)
-        for number, config in enumerate(experiment.configs())
-    ]
+    tasks = [RunTask(config, number) for number, config in enumerate(experiment.configs())]
     _claim(out, experiment)
-    store = _Runs(experiment.seed)
+    store = _Runs(experiment.seed, out)
     for one in tasks:
-        one.folder.mkdir(exist_ok=True)
-    clear_progress(out, experiment.runs)
-    try:
-        with _watched(experiment, out, store.results, progress, task):
-            for _ in run(tasks, store, RUNS, where):
-                pass
-    finally:
-        (out / PROGRESS_FILE).unlink(missing_ok=True)
+        (out / run_name(one.run)).mkdir(exist_ok=True)
+    for _ in run(tasks, store, RUNS, where, progress=progress, task=task):
+        pass
     return [store.results[number] for number in sorted(store.results)]
+
+
+def train_run(task: RunTask) -> RunResult:
+    """Train one run; in a worker, which may be on another machine."""
+    return RunResult(task.run, *train_policy(task.config))
 
 
 def _trained(
     tasks: Sequence[RunTask], threads: int, may_begin: Callable[[], bool]
 ) -> Iterator[tuple[RunTask, RunResult]]:
-    for k, (policy, log) in sweep(train_run, tasks, Workers(jobs=threads), may_begin):
-        yield tasks[k], RunResult(tasks[k].run, policy, log)
+    for k, result in sweep(train_run, tasks, Workers(jobs=threads), may_begin):
+        yield tasks[k], result
 
 
 RUNS: JobKind[RunTask, RunResult] = JobKind(_trained, lambda task: task.key)
@@ -156,18 +157,19 @@ class _Runs:
 
     Args:
         seed: of the experiment.
+        out: folder of the experiment.
 
     Attributes:
         results: those that are there, by number.
     """
 
-    def __init__(self, seed: int) -> None:
-        self._seed = seed
+    def __init__(self, seed: int, out: Path) -> None:
+        self._seed, self._out = seed, out
         self.results: dict[int, RunResult] = {}
 
     def find(self, job: RunTask) -> RunResult | None:
         """Return a run, None if it is missing or damaged."""
-        if found := load_run(job.folder, job.config):
+        if found := load_run(self._out / run_name(job.run), job.config):
             self.results[job.run] = RunResult(job.run, *found)
         return self.results.get(job.run)
 
@@ -179,46 +181,10 @@ class _Runs:
             "run": job.run,
             "config_digest": config_digest(job.config),
         }
-        write_training(job.folder / RECORDING_FILE, row.policy, row.log, facts)
-        save_run(job.folder, row.policy, row.log)
-        (job.folder / CHECKPOINT_FILE).unlink(missing_ok=True)
+        folder = self._out / run_name(job.run)
+        write_training(folder / RECORDING_FILE, row.policy, row.log, facts)
+        save_run(folder, row.policy, row.log)
         self.results[job.run] = row
-
-
-@contextlib.contextmanager
-def _watched(
-    experiment: Experiment,
-    out: Path,
-    finished: Mapping[int, RunResult],
-    progress: Progress,
-    task: str,
-) -> Iterator[None]:
-    """Report the progress of all runs while the body computes them."""
-    episodes = experiment.learning.episodes
-    over = threading.Event()
-
-    def report() -> None:
-        rows = read_progress(out)
-        going = [row for run, row in enumerate(rows) if run not in finished and row[0] > 0]
-        done = len(finished) * episodes + sum(row[0] for row in going)
-        state = f"{len(finished)}/{experiment.runs} runs"
-        if going:
-            success, epsilon = np.mean(going, axis=0)[2:]
-            state += f"  success {success:.1%}  ε {epsilon:.3f}"
-        progress(task, done, experiment.runs * episodes, state)
-
-    def watch() -> None:
-        while not over.wait(_POLL_S):
-            report()
-
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
-        report()
 
 
 def policy_paths(out: Path) -> list[Path]:

@@ -16,29 +16,9 @@ from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
 
 # See `agent.method`.
-Method = Literal["moves", "pair", "paper", "slip", "robust", Computed]
+Method = Literal["paper", "moves", Computed]
 METHODS: tuple[Method, ...] = get_args(Method)
 COMPUTED: tuple[Computed, ...] = get_args(Computed)
-BEST: Method = "moves"  # of those for any number of robots
-FORMER = {
-    "prompt": "pair (two robots) or moves",
-    "quickest": "fastest",
-    "roundabout": "planned",
-}
-
-
-def refuse_former(method: Any, of: str) -> None:
-    """Refuse a method of earlier versions.
-
-    Args:
-        method: by name.
-        of: what it is the method of, as text.
-
-    Raises:
-        UserError: it names what replaces it.
-    """
-    if method in FORMER:
-        raise UserError(f"{of} {method} no longer exists; use {FORMER[method]} instead")
 
 
 class MethodFacts(NamedTuple):
@@ -59,23 +39,17 @@ class MethodFacts(NamedTuple):
 
 _OPTIMUM = "Dijkstra's algorithm over the joint grid"
 FACTS: dict[Method, MethodFacts] = {
+    "paper": MethodFacts(
+        "any",
+        "Q-learning on the grid (Section V of the paper)",
+        "",
+        "default for one robot and for two",
+    ),
     "moves": MethodFacts(
         "any",
         "Q-learning on moves observed in the co-simulation",
         "",
-        "default for one robot, and for large boards",
-    ),
-    "pair": MethodFacts(
-        "2", "learnt: time of both together, on moves through cells", "", "default for two robots"
-    ),
-    "paper": MethodFacts(
-        "any", "Q-learning on the grid (Section V of the paper)", "", "to reproduce the paper"
-    ),
-    "slip": MethodFacts(
-        "any", "Q-learning on a grid where moves go astray", "", "a simple model of errors"
-    ),
-    "robust": MethodFacts(
-        "any", "Q-learning on moves observed in many worlds", "", "worlds that are not ideal"
+        "default with obstacles, on large boards and for swarms",
     ),
     "shortest": MethodFacts("1, 2", f"computed: {_OPTIMUM}, by path", "", "bound of the path"),
     "fastest": MethodFacts(
@@ -85,10 +59,9 @@ FACTS: dict[Method, MethodFacts] = {
         "1 to 8", "computed while driving: paths in space and time", "", "default for 3 to 8 robots"
     ),
 }
-COMPARED: tuple[Method, ...] = ("moves", "paper", "slip")  # where every world is ideal
-IN_WORLDS: tuple[Method, ...] = (*COMPARED, "robust")  # where they are not
+COMPARED: tuple[Method, ...] = ("moves", "paper")  # in the studies of transfer and robustness
 
-Algorithm = Literal["q", "double_q", "pair"]
+Algorithm = Literal["q", "double_q"]
 
 
 MAX_EPISODES, MAX_POINTS = 10**9, 10**7
@@ -122,8 +95,7 @@ class LearningConfig:
     schedule: Literal["geometric", "linear"] = "geometric"
     """Reduction by the factor (assumed), or linear to 0 at the end of exploration."""
     algorithm: Algorithm = "q"
-    """Q-learning of Eq. (7), double Q-learning (two tables per robot), or one table of the times
-    that two robots still take together (pair: on moves, with the features x, y, h and p)."""
+    """Q-learning of Eq. (7), or double Q-learning (two tables per robot)."""
     log_episodes: int = 1000
     """Episodes between two points of the learning curves."""
     log_window: int = 100

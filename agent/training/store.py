@@ -1,34 +1,26 @@
 """Policies found again: train or compute once per configuration, keep policy and learning curves.
 
-Only the cache; one run is `agent.training.loop`, many runs with checkpoints are `agent.train`.
+Only the cache; one run is `agent.training.loop`, many runs are `agent.training.runs`.
 """
 
 import logging
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from agent.mdp.greedy import GreedyPolicy, PolicyError
-from agent.mdp.optimum import computed_tables
-from agent.mdp.readings import build_process
-from agent.moves.bound import fastest_tables
 from agent.training.group_policy import GroupPolicy
 from agent.training.loop import (
     ProgressCallback,
     TrainingLog,
     TrainingLogError,
-    fresh_state,
     run_training,
     training_log,
 )
-from agent.training.pair_policy import PairPolicy, of_pair, trained_policy
+from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy, PolicyConfig
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, load_or_create, require_no_folder
 
-Trained = Any  # a `Policy`, of a pair that learns together a `PairPolicy`
 POLICY_FILE = "policy.npz"
 LOG_FILE = "training.npz"
 
@@ -48,12 +40,11 @@ def policy_folder(config: PolicyConfig) -> Path:
 
 def train_policy(
     config: PolicyConfig, *, progress: ProgressCallback | None = None
-) -> tuple[Trained, TrainingLog]:
+) -> tuple[Policy, TrainingLog]:
     """Train from nothing, without looking at or writing any file."""
-    state = fresh_state(config)
-    run_training(config, state, progress=progress)
+    state = run_training(config, progress=progress)
     log = training_log(config.learning, state, config.scenario.cell_m)
-    return trained_policy(config, state), log
+    return Policy.of_training(config, state), log
 
 
 def save_run(folder: Path, policy: GreedyPolicy, log: TrainingLog) -> Path:
@@ -63,13 +54,13 @@ def save_run(folder: Path, policy: GreedyPolicy, log: TrainingLog) -> Path:
     return folder / POLICY_FILE
 
 
-def load_run(folder: Path, config: PolicyConfig) -> tuple[Trained, TrainingLog] | None:
+def load_run(folder: Path, config: PolicyConfig) -> tuple[Policy, TrainingLog] | None:
     """Policy and learning curves of a configuration; None if they are missing or damaged."""
     path = folder / POLICY_FILE  # written last
     if not path.exists():
         return None
     try:
-        policy = policy_kind(config).load(path)
+        policy = Policy.load(path)
         log = TrainingLog.load(folder / LOG_FILE)
     except (PolicyError, TrainingLogError) as error:
         _LOGGER.warning("%s: it is rebuilt", error)
@@ -79,7 +70,7 @@ def load_run(folder: Path, config: PolicyConfig) -> tuple[Trained, TrainingLog] 
 
 def find_or_train(
     config: PolicyConfig, *, again: bool = False, progress: ProgressCallback | None = None
-) -> tuple[Trained, TrainingLog, Path]:
+) -> tuple[Policy, TrainingLog, Path]:
     """The policy of a configuration: found in the cache, or trained and kept there.
 
     Args:
@@ -99,7 +90,7 @@ def find_or_train(
     for name in (POLICY_FILE, LOG_FILE):
         require_no_folder(folder / name)  # before training, not after
 
-    def train() -> tuple[Trained, TrainingLog]:
+    def train() -> tuple[Policy, TrainingLog]:
         trained = train_policy(config, progress=progress)
         save_run(folder, *trained)
         return trained
@@ -126,27 +117,13 @@ def find_or_compute(
         OSError: the cache cannot be written.
     """
     path = policy_folder(config) / POLICY_FILE
-    make = partial(_computed, config)
-    return cached(path, policy_kind(config).load, make, GreedyPolicy.save, again=again), path
+    kind = policy_kind(config.objective, config.scenario.robots)
+    made = cached(path, kind.load, partial(kind.computed, config), GreedyPolicy.save, again=again)
+    return made, path
 
 
-def policy_kind(config: PolicyConfig) -> type[Policy | PairPolicy | GroupPolicy]:
-    """Return the class of the policy of a configuration."""
-    if config.objective == "planned":
+def policy_kind(objective: str | None, robots: int) -> type[Policy | PairPolicy | GroupPolicy]:
+    """Return the class of the policies with an objective, or trained ones, of some robots."""
+    if objective == "planned":
         return GroupPolicy
-    return PairPolicy if of_pair(config) else Policy
-
-
-def _computed(config: PolicyConfig) -> Policy | PairPolicy | GroupPolicy:
-    assert config.objective is not None
-    if config.objective == "planned":
-        return GroupPolicy.computed(config)
-    if of_pair(config):
-        return PairPolicy.computed(config)
-    process = build_process(config.scenario, config.process)
-    if config.moves is None:
-        tables, decided = computed_tables(process, config.objective)
-    else:
-        tables, decided = fastest_tables(process, config.moves)
-    unused = np.zeros(1, dtype=np.uint64)
-    return Policy(config, tables[None], decided.astype(np.uint32), unused, episodes=0)
+    return PairPolicy if objective == "fastest" and robots > 1 else Policy

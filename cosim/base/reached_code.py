@@ -35,8 +35,6 @@ INFRASTRUCTURE = tuple(
         "storage",
     )
 )
-# Renamed modules, with the names that texts have in hashes: results of before are found again.
-FORMER_NAMES = {"cosim.recording.reader": "cosim.reading.episode"}
 LOOSE = ""  # name of the statements of a module that define nothing
 _WORD = re.compile(r"[^\W\d]\w*")
 
@@ -236,8 +234,7 @@ class _SyntaxReader:
             return ""
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             self.attributes |= {node.value} if node.value.isidentifier() else set()
-            value = FORMER_NAMES.get(node.value, node.value)
-            return "prose" if " " in value else repr(value)
+            return "prose" if " " in node.value else repr(node.value)
         if isinstance(node, ast.Raise):
             kind = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
             return f"raise({self.text(kind)})"

@@ -147,16 +147,13 @@ def read_toml(path: Path, kind: Kind) -> dict[str, Any]:
         raise kind.error(f"{path}: not a TOML file ({error}); fix that line") from error
 
 
-def read_arrays(
-    path: Path, kind: Kind, names: Sequence[str], optional: Sequence[str] = ()
-) -> dict[str, np.ndarray]:
+def read_arrays(path: Path, kind: Kind, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Arrays of an `.npz` file by name, writable; their checksums are compared.
 
     Args:
         path: of the file.
         kind: of the file.
         names: of the arrays that it must have.
-        optional: of those that it may have.
 
     Raises:
         UserError: `kind.error`.
@@ -164,10 +161,9 @@ def read_arrays(
     require_file(path, kind)
     with parsing(path, kind), zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-        wanted = [*names, *(name for name in optional if name in members)]
-        if sum(members[name].file_size for name in wanted) > MAX_ARRAY_BYTES:
+        if sum(members[name].file_size for name in names) > MAX_ARRAY_BYTES:
             raise ValueError(f"it unpacks to more than {MAX_ARRAY_BYTES >> 20} MiB")
-        return {name: _array(archive, members[name]) for name in wanted}
+        return {name: _array(archive, members[name]) for name in names}
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:

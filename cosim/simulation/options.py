@@ -150,8 +150,8 @@ class DecisionOptions:
     """Time between two decisions in s: by default the paper's 2, and 0.1 with --through."""
     through: bool = False
     """Let robots drive through the centre of a cell without stopping where the next direction is
-    the same, asked when their move ends (within 0.1 s) instead of every 2 s. Policies of the method
-    pair have learnt on such moves."""
+    the same, asked when their move ends (within 0.1 s) instead of every 2 s. The methods fastest
+    (of two robots) and planned use such moves."""
 
     def deciding(self, config: CoSimConfig) -> CoSimConfig:
         """A configuration with these decisions."""

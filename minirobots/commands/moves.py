@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from agent.moves.worlds import RANGES, WorldRange
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError
 from cosim.simulation.options import DecisionOptions, Physics
@@ -17,7 +18,8 @@ class ObserveMoves(IsolatedOptions):
     """Observe moves of one robot in the co-simulation and keep what they did.
 
     The file lists every move (direction, heading, previous direction; Δcell, duration, where it
-    stopped); `minirobots train --moves FILE` trains with them.
+    stopped); `minirobots train --moves FILE` trains with them. With --worlds the policy learns for
+    worlds that are not ideal.
     """
 
     out: File = Path("runs/moves.json")
@@ -25,8 +27,9 @@ class ObserveMoves(IsolatedOptions):
     moves: Count = 24
     """Moves of each of the 8 kinds (straight or diagonal, after a turn of 0, 45, 90 or -45 deg)."""
     worlds: bool = False
-    """Let every walk drive in a world of its own, as for the method robust
-    (agent/moves/worlds.py)."""
+    """Let every walk drive in a world of its own, drawn from the ranges below."""
+    ranges: Annotated[WorldRange, tyro.conf.arg(name="worlds")] = RANGES
+    """Ranges that worlds are drawn from uniformly, see docs/robustness.md."""
     seed: Seed = 0
     jobs: Jobs = -1
     physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
@@ -38,13 +41,15 @@ class ObserveMoves(IsolatedOptions):
         super().__post_init__()
         if self.worlds and self.physics.mu is not None:
             raise ConfigError("--mu has no effect with --worlds, which draws it; leave one out")
+        if not self.worlds and self.ranges != RANGES:
+            raise ConfigError("ranges have no effect without --worlds; add it")
 
 
 def run(options: ObserveMoves, progress: Progress) -> Iterator[Any]:
     """Observe moves, write their file and print a table of the kinds of moves."""
     from agent.moves.model import require_rl_step
     from agent.moves.observe import facts_of, move_rows, observe_moves
-    from agent.moves.worlds import RANGES
+    from agent.moves.worlds import checked_ranges
     from cosim.base.command import workers
     from cosim.base.table import show_texts
 
@@ -56,7 +61,7 @@ def run(options: ObserveMoves, progress: Progress) -> Iterator[Any]:
         fmu,
         moves_per_kind=options.moves,
         seed=options.seed,
-        worlds=RANGES if options.worlds else None,
+        worlds=checked_ranges(options.ranges, config) if options.worlds else None,
         jobs=workers(options.jobs),
         progress=progress,
     )

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from agent.study.axes import AXES, Axis
-from agent.training.settings import IN_WORLDS, Method
+from agent.training.settings import COMPARED, Method
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError, require_one_of
 from cosim.model.scenario_file import ROUGH, find_scenario, read_world
@@ -35,7 +35,7 @@ class Robustness(Distributed, Resumable):
     docs/robustness.md."""
     axes: tuple[Axis, ...] = AXES
     """Deviations from the ideal to measure, one at a time, and everything."""
-    methods: tuple[Method, ...] = IN_WORLDS
+    methods: tuple[Method, ...] = COMPARED
     """Methods to measure, from the defaults; see `minirobots run --help`."""
     seed: Seed = 0
 
@@ -46,7 +46,7 @@ class Robustness(Distributed, Resumable):
         if not self.axes or not self.methods:
             raise ConfigError("--axes and --methods need at least one each")
         for method in self.methods:
-            require_one_of("--methods", method, IN_WORLDS)
+            require_one_of("--methods", method, COMPARED)
         find_scenario(self.scenario, ideal=True)
 
 

@@ -2,13 +2,12 @@
 
 import contextlib
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from agent.training.settings import COMPUTED, Method, refuse_former
+from agent.training.settings import COMPUTED, Method
 from cosim.base.command import workers
 from cosim.base.errors import UserError, in_shell
 from cosim.base.progress import Progress, under_way
@@ -50,16 +49,14 @@ class Run(NewFolder, Simulating):
     episodes: Count = 1
     """Episodes to co-simulate, each from start cells drawn with the seed."""
     method: Method | None = None
-    """How agents learn: two robots the time that they take together, on moves through cells (pair,
-    the default for two on up to 1000 cells), any number on moves observed in co-simulation (moves,
-    the default for one), on moves of many worlds (robust), on the grid as in Section V (paper),
-    or on the grid with moves that go astray (slip). Or they are computed without learning: of one
-    or two robots the joint paths that are optimal on the grid by length (shortest), of one or two
-    the least time on observed moves (fastest; two with --through), of up to eight paths in space
-    and time, which they plan while they drive (planned, the default for three to eight)."""
+    """How agents learn: on the grid as in Section V (paper, the default for one robot or two on up
+    to 1000 cells), or on moves observed in co-simulation (moves, the default with obstacles, for
+    larger boards and for swarms). Or they are computed without learning: of one or two robots the
+    joint paths that are optimal on the grid by length (shortest), of one or two the least time on
+    observed moves (fastest; two with --through), of up to eight paths in space and time, which they
+    plan while they drive (planned, the default for three to eight)."""
     train_episodes: Count | None = None
-    """Episodes to train; by default 5 000 000 on the grid (Section V), 1 500 000 on moves,
-    3 000 000 for robust, and 400 000 for pair."""
+    """Episodes to train; by default 5 000 000 on the grid (Section V), and 1 500 000 on moves."""
     seed: Seed = 0
     train_seed: NotNegative | None = None
     """Seed of training: by default 0, so that every --seed uses the same policy, trained once."""
@@ -88,14 +85,6 @@ class Run(NewFolder, Simulating):
     of 1 ms; compiled calls their C functions at every tick (the same bits, an episode some 16 %
     faster); reference calls fmpy's class at every tick (the same bits, some 400 times slower).
     By default fmpy, and compiled with --reaction or a motor FMU without samples of its outputs."""
-
-    @classmethod
-    def defaults(cls, arguments: list[str]) -> None:
-        """Refuse methods of earlier versions by name."""
-        words = [word for argument in arguments for word in argument.split("=")]
-        for option, value in pairwise(words):
-            if option == "--method":
-                refuse_former(value, "method")
 
     def __post_init__(self) -> None:
         super().__post_init__()

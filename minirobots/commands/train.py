@@ -33,8 +33,6 @@ class Train(NewFolder):
     moves: File | None = None
     """Moves observed by `minirobots moves`: train on them instead of the grid."""
     where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = PROCESSES
-    checkpoint_episodes: Count = 500_000
-    """Episodes between two checkpoints of a run."""
     log: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder of event files for TensorBoard, with a folder for each run; by default none. It needs
     the extra log."""
@@ -76,7 +74,6 @@ def run(options: Train, progress: Progress) -> Iterator[Any]:
         experiment,
         options.folder,
         where=options.where,
-        checkpoint_episodes=options.checkpoint_episodes,
         log=options.log,
         progress=progress,
     )

@@ -5,10 +5,11 @@ from dataclasses import replace
 import msgspec
 import pytest
 
+import agent
 from agent import method as methods
 from agent.method import method_config, method_of
 from agent.moves.model import Move, ObservedMoves
-from agent.study.policies import policy_of
+from agent.moves.worlds import WorldRange
 from agent.training.policy import Policy
 from agent.training.runs import policy_paths
 from agent.training.settings import COMPUTED, METHODS
@@ -33,25 +34,12 @@ def moves():
 @pytest.mark.parametrize("method", [m for m in METHODS if m not in COMPUTED])
 @pytest.mark.parametrize("name", ["1b", "4"])
 def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch):
-    if method == "pair" and name == "1b":
-        with pytest.raises(UserError, match="pair is for two robots, and scenario 1b has 1"):
-            method_config(method, find_scenario(name))
-        return
-    walks = (len(moves.moves),) if method == "robust" else ()
-    through = method == "pair"
-    rl_step_s = 0.1 if through else moves.rl_step_s
-    moves = msgspec.structs.replace(moves, walks=walks, rl_step_s=rl_step_s, through=through)
     monkeypatch.setattr(methods, "_observed_moves", lambda *_: moves)
     config = method_config(method, find_scenario(name), seed=3, episodes=1000)
     assert config.learning.episodes == 1000
     assert config.seed.entropy == 3
     assert (config.moves is not None) == (method in methods.ON_MOVES)
-    assert (config.process.slip_probability > 0.0) == (method == "slip")
-    expected = {
-        "moves": {"1b": {"h"}, "4": {"b"}}[name],
-        "robust": {"1b": {"h"}, "4": {"b", "h"}}[name],
-        "pair": {"h"},
-    }.get(method, set())
+    expected = {"1b": {"h"}, "4": {"b"}}[name] if method == "moves" else set()
     assert set(config.process.features) & {"b", "h"} == expected
     assert method_of(config) == method
     longer = msgspec.structs.replace(config, learning=replace(config.learning, greedy_points=3))
@@ -60,22 +48,11 @@ def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch)
     assert method_of(other) is None
 
 
-@pytest.mark.parametrize(("name", "instead"), [("prompt", "pair"), ("quickest", "fastest")])
-def test_a_method_that_has_gone_names_what_replaces_it(name, instead, monkeypatch):
-    with pytest.raises(UserError, match=f"method {name} no longer exists; use {instead}"):
-        method_config(name, find_scenario("4"))
-    with pytest.raises(UserError, match=f"method {name} no longer exists; use {instead}"):
-        policy_of(name)
-    for given in (["--method", name], [f"--method={name}"]):
-        monkeypatch.setattr("sys.argv", ["minirobots run", *given])
-        with pytest.raises(UserError, match=f"method {name} no longer exists; use {instead}"):
-            execute("run")
-
-
 def test_the_default_method_can_learn_every_board():
     wide = replace(find_scenario("4"), columns=40)
-    boards = find_scenario("4"), find_scenario("1b"), find_scenario("6-swap"), wide
-    assert [methods.best_method(board) for board in boards] == ["pair", "moves", "planned", "moves"]
+    boards = [wide, *map(find_scenario, ("4", "1b", "5-corridor", "6-swap", "swarm-16"))]
+    best = [methods.best_method(board) for board in boards]
+    assert best == ["moves", "paper", "paper", "moves", "planned", "moves"]
     assert method_config("paper", wide).process  # the board itself is fine
 
 
@@ -98,6 +75,25 @@ def test_moves_are_observed_with_the_motor_parameters_that_are_given(moves, monk
     given = (("J", 5e-9),)
     assert method_config("moves", find_scenario("1b"), motor_parameters=given).moves == moves
     assert (seen[0].motor.J, seen[0].motor_parameters) == (5e-9, given)
+
+
+def test_moves_are_observed_in_the_worlds_that_are_given(moves, monkeypatch):
+    seen = []
+    monkeypatch.setattr(methods, "calibrated_slower", lambda config, *_: config)
+    monkeypatch.setattr(methods, "cached_moves", lambda *given: seen.append(given[-1]) or moves)
+    config = method_config("moves", find_scenario("4"), worlds=WorldRange(restitution=(0.1, 0.2)))
+    assert seen == [WorldRange(mu=(0.15, 0.15), restitution=(0.1, 0.2))]
+    assert method_of(config) == "moves"
+    with pytest.raises(UserError, match="worlds has no effect on method paper"):
+        agent.train("1a", method="paper", worlds=WorldRange())
+    with pytest.raises(UserError, match="must be ascending"):
+        agent.train("1a", method="moves", worlds=WorldRange(mu=(0.3, 0.1)))
+
+
+def test_ranges_without_drawn_worlds_are_refused(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["moves", "--worlds.mu", "0.1", "0.2"])
+    with pytest.raises(UserError, match="ranges have no effect without --worlds"):
+        execute("moves")
 
 
 def test_train_takes_a_file_of_moves(moves, monkeypatch, tmp_path, capsys):

@@ -21,12 +21,10 @@ from agent.mdp.optimum import optimum
 from agent.mdp.readings import build_process
 from agent.moves.model import ObservedMoves, build_model
 from agent.study.store import Header, ResultFile
-from agent.training.learning import initial_state
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig, read_settings
 from agent.training.store import LOG_FILE, find_or_train
-from agent.training.worker import load_checkpoint, save_checkpoint
 from analysis.figures.style import Caption, read_caption, write_caption
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
@@ -45,11 +43,6 @@ SMALL = Scenario(
 ANY = Kind("file", "fix it", UserError)
 
 
-def read_checkpoint(path, config):
-    process = build_process(config.scenario, config.process)
-    return load_checkpoint(path, config, initial_state(process, config.learning, 0))
-
-
 def read_moves(path):
     return build_model(ObservedMoves.load(path), 5.0)
 
@@ -61,10 +54,6 @@ def seeds(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MINIROBOTS_CACHE", str(folder / "cache"))
         policy, _, path = find_or_train(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)))
-    config = policy.config
-    process = build_process(SMALL, config.process)
-    state = initial_state(process, LEARNING, 0)
-    save_checkpoint(folder / "checkpoint.npz", config, state)
     moves = [
         {"direction": d, "heading": h, "previous": -1, "columns": 1, "rows": d, "turn_s": 0.5}
         | {"duration_s": 3.5, "drift_x": 0.0, "drift_y": 0.0, "stop_x": 0.0, "stop_y": 0.0}
@@ -80,7 +69,6 @@ def seeds(tmp_path_factory):
     return {
         "policy": (path, Policy.load),
         "training": (path.with_name(LOG_FILE), TrainingLog.load),
-        "checkpoint": (folder / "checkpoint.npz", lambda p: read_checkpoint(p, config)),
         "moves": (folder / "moves.json", read_moves),
         "scenario": (EXAMPLE, find_scenario),
         "settings": (folder / "settings.toml", read_settings),
@@ -90,7 +78,7 @@ def seeds(tmp_path_factory):
 
 
 KINDS = (
-    "policy", "training", "checkpoint", "moves", "scenario", "settings", "caption", "certificate",
+    "policy", "training", "moves", "scenario", "settings", "caption", "certificate",
 )  # fmt: skip
 
 
@@ -170,9 +158,6 @@ def test_what_is_no_such_file_is_named(seeds, tmp_path, kind, make, said):
     path, read = seeds[kind]
     wrong = tmp_path / path.name
     make(wrong)
-    if kind == "checkpoint":  # nobody names it: training starts afresh
-        assert read(wrong) is None
-        return
     with pytest.raises(UserError, match=f"{path.stem}.*{said}"):
         read(wrong)
 

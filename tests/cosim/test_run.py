@@ -15,8 +15,7 @@ import pytest
 from agent.mdp.config import ProcessConfig
 from agent.moves import observe
 from agent.moves.model import ObservedMoves
-from agent.training.pair_policy import PairPolicy
-from agent.training.policy import PolicyConfig, Seed
+from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
 from cosim.base import storage
@@ -169,19 +168,20 @@ def test_bad_input_gets_one_sentence(run, arguments, sentence):
     assert done.stdout == ""
 
 
-def test_default_method_observes_moves_and_trains_on_them(run, tmp_path, monkeypatch):
+def test_a_policy_on_moves_observes_them_first(run, tmp_path, monkeypatch):
     """In the small: a move or two of every kind instead of two dozen."""
     monkeypatch.setattr(observe, "MOVES_PER_KIND", 1)
     monkeypatch.setattr(observe, "WALKS", 1)
     monkeypatch.setattr(observe, "cache_dir", lambda kind: tmp_path / kind)
     monkeypatch.setattr(storage, "PACKAGED", tmp_path / "nothing")
     out = tmp_path / "run"
-    done = run("--train-episodes", 20_000, "--time-limit", 4, "--out", out, "--record", "none")
+    short = ("--method", "moves", "--train-episodes", 20_000)
+    done = run(*short, "--time-limit", 4, "--out", out, "--record", "none")
     assert done.returncode == 0, done.stderr
     (path,) = (tmp_path / "moves").glob("*.json")
-    policy = PairPolicy.load(out / "policy.npz")
+    policy = Policy.load(out / "policy.npz")
     assert policy.config.moves == ObservedMoves.load(path)
-    assert summary_of(out)["method"] == "pair"
+    assert summary_of(out)["method"] == "moves"
 
 
 def test_policy_of_another_scenario_is_refused(run, runs, tmp_path):

@@ -188,7 +188,7 @@ def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
     study = trained.parent / "noise.toml"
     study.write_text(STUDY)
     policy, results = trained / "run_000" / "policy.npz", reproduced / "results"
-    short = ("--scenario", "1a", "--learning.episodes", "200000", "--checkpoint-episodes", "25000")
+    short = ("--scenario", "1a", "--learning.episodes", "200000")
     sweep = ("train", "--runs", "3", "--jobs", "2", *short)
     conftest = Path(__file__).parents[1] / "analysis" / "conftest.py"
     return {

@@ -1,6 +1,6 @@
 """Whatever stands in a file, its reader gives a result or one sentence.
 
-What damage does to policies, checkpoints, curves, moves and captions is tested with their readers
+What damage does to policies, curves, moves and captions is tested with their readers
 in `tests/agent/test_reading.py`.
 """
 

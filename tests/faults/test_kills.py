@@ -45,7 +45,7 @@ WRITERS = {
     "transfer": ("--quick", "--scenarios", "1a", "--methods", "paper"),
     "robustness": ("--quick", "--scenario", "1a", "--methods", "paper", "--axes", "nothing"),
 }
-GROWING = {"certificate.json", "checkpoint.npz", "summary.json", "timings.json"}
+GROWING = {"certificate.json", "summary.json", "timings.json"}
 ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 

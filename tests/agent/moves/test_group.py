@@ -105,5 +105,3 @@ def test_what_cannot_be_planned_is_refused(tmp_path):
     )  # fmt: skip
     with pytest.raises(UserError, match="there is no path to the targets"):
         method_policy("planned", walled)
-    with pytest.raises(UserError, match="method roundabout no longer exists; use planned"):
-        method_policy("roundabout", ALONE)

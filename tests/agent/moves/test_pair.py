@@ -2,30 +2,22 @@
 
 import heapq
 import itertools
-from dataclasses import replace
 from functools import cache
 
-import msgspec
 import numpy as np
 import pytest
 
 from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import PolicyError
 from agent.mdp.readings import build_process
-from agent.method import method_of, moves_of
+from agent.method import drives_through, method_of
 from agent.moves import pair
 from agent.moves.bound import mean_seconds
 from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, move_kind
-from agent.moves.pair import moves_of_pair
 from agent.policies import load_policy
-from agent.training.learning import SUCCESSES, build_learning
-from agent.training.loop import fresh_state, move_model
-from agent.training.pair_learning import FAILURE_S, advance_pair, first_delay, of_both
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import train_policy
-from cosim.base.errors import UserError
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
@@ -157,9 +149,7 @@ def test_robots_that_are_too_near_move_apart(policy):
 
 
 def test_a_pair_knows_moves_of_robots_that_drive_through_cells(policy):
-    driven = moves_of("fastest", BOARD)
-    assert driven is not None
-    assert driven.through
+    assert drives_through("fastest", BOARD)
     assert method_of(policy.config) == "fastest"
 
 
@@ -198,79 +188,6 @@ def test_a_robot_that_waits_keeps_away_from_a_move_under_way(policy):
     assert free > 50
 
 
-LEARNING = LearningConfig(
-    8000, eta=0.5, eta_end=0.02, gamma=1.0, epsilon=0.2, exploration=0.8, schedule="linear",
-    algorithm="pair", log_episodes=100, greedy_points=2,
-)  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def trained():
-    return train_policy(PolicyConfig(BOARD, PROCESS, LEARNING, Seed(3), MOVES))
-
-
-def test_a_pair_learns_to_take_little_more_than_the_least_time(policy, trained):
-    learnt, log = trained
-    starts = [((x, y, 2), (0, 7, 2)) for x, y in BOARD.starts[0]]
-    least = np.mean([-policy.q_values(seen(state)).max() for state in starts])
-    taken = -log.returns.sum(axis=1)
-    assert log.success[-1] == 1.0
-    assert 0.99 * least < taken[-10:].mean() < 1.01 * least
-    known = np.mean([-learnt.q_values(seen(state)).max() for state in starts])
-    assert 0.97 * least < known < 1.03 * least  # values begin at 1.1 times those of robots alone
-    assert learnt.evaluate().rate(Outcome.SUCCESS) == 1.0
-
-
-def test_a_learnt_pair_is_the_same_for_the_same_seed_and_is_read_back(trained, tmp_path):
-    learnt, _ = trained
-    again, _ = train_policy(learnt.config)
-    other, _ = train_policy(msgspec.structs.replace(learnt.config, seed=Seed(4)))
-    assert again.digest() == learnt.digest() != other.digest()
-    learnt.save(tmp_path / "policy.npz")
-    read = load_policy(tmp_path / "policy.npz", BOARD)
-    assert (read.digest(), read.episodes) == (learnt.digest(), LEARNING.episodes)
-    assert repr(read) == "PairPolicy(scenario board, 8000 episodes on moves)"
-    maps, again = ([part.visits for part in one.maps()] for one in (learnt, read))
-    assert np.array_equal(maps, again)
-    assert np.min(np.max(maps, axis=(1, 2))) > 1000.0  # both have decided often somewhere
-
-
-def test_what_was_never_met_is_raised_when_exploration_ends_however_a_run_is_cut():
-    config = PolicyConfig(BOARD, PROCESS, replace(LEARNING, episodes=3000), Seed(3), MOVES)
-    process, learning = build_process(BOARD, PROCESS), build_learning(config.learning)
-    model = move_model(config)
-    assert model is not None
-    times = moves_of_pair(process, MOVES)
-    unseen = of_both(first_delay(process, times))
-    states = []
-    for cuts in ((3000,), (1, 1200, 2500, 2999, 3000)):
-        states.append(fresh_state(config))
-        first = states[-1].q.copy()
-        for until in cuts:
-            advance_pair(process, model, learning, times, states[-1], until, unseen=unseen)
-    whole, cut = states
-    assert np.array_equal(whole.q, cut.q)
-    assert np.array_equal(whole.visits, cut.visits)
-    never = whole.visits == 0
-    assert (whole.q[never] == unseen[never]).all()
-    assert (first[never] < unseen[never]).any()
-    assert (whole.q[~never] != first[~never]).mean() > 0.9
-
-
-def test_a_failure_next_to_the_targets_is_forgotten_when_others_succeed():
-    config = PolicyConfig(BOARD, PROCESS, replace(LEARNING, epsilon=0.0), Seed(3), MOVES)
-    process, model, state = build_process(BOARD, PROCESS), move_model(config), fresh_state(config)
-    assert model is not None
-    first, second = (x * SIDE + y for x, y in BOARD.targets)
-    state.q[first, :, second] = FAILURE_S / pair.GRAIN_S
-    learning, times = build_learning(config.learning), moves_of_pair(process, MOVES)
-    advance_pair(process, model, learning, times, state, 500)
-    ended = state.visits[first, :, second]
-    assert ended.sum() == state.curve[:5, SUCCESSES].sum()
-    assert (state.q[first, :, second][ended > 0] < FAILURE_S / pair.GRAIN_S / 2).all()
-    assert state.curve[4, SUCCESSES] > 90  # of 100
-
-
 def test_directions_that_fail_have_no_value_in_recordings(policy):
     state = ((7, 1, 0), (8, 8, 0))
     values, shown = policy.q_values(seen(state)), policy.act(seen(state)).values
@@ -278,24 +195,3 @@ def test_directions_that_fail_have_no_value_in_recordings(policy):
     assert np.isnan(shown[values < -1e5]).all()
     assert np.array_equal(shown[values > -1e5], values[values > -1e5])
     assert np.isnan(shown).any()
-
-
-@pytest.mark.parametrize(
-    ("changed", "problem"),
-    [
-        ({"scenario": find_scenario("1b")}, "scenario 1b has 1 robots; choose one of two"),
-        ({"moves": None}, "it learns on observed moves"),
-        ({"moves": msgspec.structs.replace(MOVES, walks=(8,))}, "observe moves of one world"),
-        ({"process": ProcessConfig()}, "choose the features x, y, h and p"),
-    ],
-)
-def test_what_a_pair_cannot_learn_on_is_refused(changed, problem):
-    config = PolicyConfig(BOARD, PROCESS, LEARNING, Seed(0), MOVES)
-    with pytest.raises(PolicyError, match=f"algorithm = pair is for two robots: .*{problem}"):
-        msgspec.structs.replace(config, **changed)
-
-
-def test_a_board_on_which_a_robot_cannot_arrive_is_not_learnt():
-    walled = replace(BOARD, robot_diameter_m=0.02, obstacles=tuple((4, y) for y in range(9)))
-    with pytest.raises(UserError, match="there is no path to the targets"):
-        train_policy(PolicyConfig(walled, PROCESS, LEARNING, Seed(0), MOVES))

@@ -108,7 +108,7 @@ def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
         {"seed": -1},
         {"budget_minutes": -1.0},
         {"quick": True, "episodes": 3},
-        {"methods": ("paper", "pair")},
+        {"methods": ("paper", "fastest")},
         {"methods": ()},
         {"axes": ()},
     ],

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.training.runs import Experiment
+from agent.training.runs import Experiment, RunTask, train_run
 from agent.training.settings import LearningConfig
-from agent.training.worker import RunTask, train_run
 from cosim.base import backends
 from cosim.base.backends import sweep
 from cosim.base.jobs import BackendError, Workers
@@ -40,7 +39,7 @@ def die_once_and_train(fragile):
 
 def fragile_tasks(folder):
     return [
-        Fragile(RunTask(config, k, folder / "none", 4, 1000), folder / "marker")
+        Fragile(RunTask(config, k), folder / "marker")
         for k, config in enumerate(EXPERIMENT.configs())
     ]
 
@@ -48,7 +47,7 @@ def fragile_tasks(folder):
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory):
     folder = tmp_path_factory.mktemp("expected")
-    return [train_run(f.task)[0].q for f in fragile_tasks(folder)]
+    return [train_run(f.task).policy.q for f in fragile_tasks(folder)]
 
 
 @pytest.fixture
@@ -78,7 +77,7 @@ def patient_ray(monkeypatch):
 def test_ray_gives_the_same_bits(patient_ray, expected, tmp_path):
     tasks = [f.task for f in fragile_tasks(tmp_path)]
     results = dict(sweep(train_run, tasks, Workers(jobs=2, backend="ray")))
-    assert all(np.array_equal(results[k][0].q, q) for k, q in enumerate(expected))
+    assert all(np.array_equal(results[k].policy.q, q) for k, q in enumerate(expected))
 
 
 @pytest.fixture(
@@ -102,14 +101,14 @@ def test_killed_worker_is_replaced_and_no_bit_changes(backend, expected, tmp_pat
     assert (tmp_path / "marker").exists()
     assert sorted(results) == [0, 1, 2, 3]
     for k, q in enumerate(expected):
-        assert np.array_equal(results[k][0].q, q)
+        assert np.array_equal(results[k].policy.q, q)
 
 
 def test_threads_and_one_job_give_the_same_bits(expected, tmp_path):
     tasks = [f.task for f in fragile_tasks(tmp_path)]
     for jobs in (1, 2):
         results = dict(sweep(train_run, tasks, Workers(jobs=jobs)))
-        assert all(np.array_equal(results[k][0].q, q) for k, q in enumerate(expected))
+        assert all(np.array_equal(results[k].policy.q, q) for k, q in enumerate(expected))
 
 
 def test_a_task_that_always_kills_its_worker_ends_the_sweep(monkeypatch):

@@ -17,10 +17,10 @@ def rows(row):
     return [
         row("1a", "paper", 0.8),
         row("2", "paper", 0.6),
-        row("1a", "slip", 1.0),
-        row("2", "slip", 0.9),
-        row("2", "slip", 1.0, shield=True),
-        row("2", "slip", 0.5, mu=0.1),
+        row("1a", "moves", 1.0),
+        row("2", "moves", 0.9),
+        row("2", "moves", 1.0, shield=True),
+        row("2", "moves", 0.5, mu=0.1),
     ]
 
 
@@ -39,18 +39,18 @@ def test_points_are_those_of_the_table(rows):
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["µ = 0.1", "µ = 0.15"]
     assert points(default) == {
         "paper": [80.0, 60.0],
-        "slip": [100.0, 90.0],
-        "slip, shield": [100.0],
+        "moves": [100.0, 90.0],
+        "moves, shield": [100.0],
     }
-    assert points(low_friction) == {"paper": [], "slip": [50.0], "slip, shield": []}
+    assert points(low_friction) == {"paper": [], "moves": [50.0], "moves, shield": []}
 
 
 def test_caption_names_the_worst_scenario(rows):
     caption = transfer_figure.caption(rows)
     assert "paper at least 60.0% [50.0, 70.0] (scenario 2, 100 episodes in all)" in caption.text()
     worst = {(s["mu"], s["series"]): s["worst_success"] for s in caption.numbers["series"]}
-    assert worst[0.15, "slip"] == 0.9
-    assert worst[0.1, "slip"] == 0.5
+    assert worst[0.15, "moves"] == 0.9
+    assert worst[0.1, "moves"] == 0.5
 
 
 def test_rows_without_episodes_are_left_out(rows, write_transfer):

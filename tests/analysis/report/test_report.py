@@ -76,12 +76,12 @@ def test_empty_and_damaged_results(tmp_path):
 
 
 def test_transfer_is_a_table_with_intervals(row, write_transfer):
-    (table,) = transfer_tables(write_transfer(row("4", "slip", 0.85)))
+    (table,) = transfer_tables(write_transfer(row("4", "moves", 0.85)))
     (cells,) = table.rows
-    assert cells[:6] == ("4", "slip", "0.15", "off", "50", "85.0% [75.0, 95.0]")
+    assert cells[:6] == ("4", "moves", "0.15", "off", "50", "85.0% [75.0, 95.0]")
     assert cells[-1] == "–"
     assert len(cells) == len(table.header)
-    assert table.command == "minirobots transfer --seed 0 --scenarios 4 --methods slip"
+    assert table.command == "minirobots transfer --seed 0 --scenarios 4 --methods moves"
     few = msgspec.structs.replace(row("2", "moves", 1.0), planned=2)
     (table,) = transfer_tables(write_transfer(few))
     assert table.command.endswith("--scenarios 2 --methods moves --quick")
