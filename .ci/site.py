@@ -30,7 +30,6 @@ PAGES = {
     "minirobots/commands.md": "commands.md",
     "fmus/vibration_motor/README.md": "motor.md",
     "fmus/vibration_motors/README.md": "motors.md",
-    "fmus/mini_robot/README.md": "robot.md",
 }
 SOURCES = {page: source for source, page in PAGES.items()}
 PLAYED = "4"  # scenario on the first page

@@ -1,4 +1,4 @@
-"""Archives of FMUs and of systems of them: zip files whose bytes depend on their contents alone."""
+"""Archives of FMUs: zip files whose bytes depend on their contents alone."""
 
 import zipfile
 from collections.abc import Mapping

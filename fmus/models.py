@@ -7,18 +7,16 @@ from pathlib import Path
 from typing import Literal
 
 Fmi = Literal["2", "3"]
-Model = Literal["VibrationMotor", "VibrationMotors", "MiniRobot"]
+Model = Literal["VibrationMotor", "VibrationMotors"]
 STANDARDS: dict[Model, tuple[Fmi, ...]] = {
     "VibrationMotor": ("2", "3"),
     "VibrationMotors": ("3",),  # FMI 2.0 has no arrays
-    "MiniRobot": ("2", "3"),
 }
 MODELS: tuple[Model, ...] = tuple(STANDARDS)
 ROOT = Path(__file__).parent
 _FOLDERS: dict[Model, tuple[str, ...]] = {
     "VibrationMotor": ("vibration_motor", "fmi"),
     "VibrationMotors": ("vibration_motors", "vibration_motor", "fmi"),
-    "MiniRobot": ("mini_robot", "fmi"),
 }
 
 

@@ -47,11 +47,9 @@ class ReferenceRun(NamedTuple):
         return round(self.stop_s / self.step_s)
 
 
-# A motor that starts, saturates and settles under a torque; a robot that both motors shake, and
-# that is pushed. Inputs are constant: importers differ in how they take inputs that change.
+# A motor that starts, saturates and settles under a torque. Inputs are constant: importers differ in how they take inputs that change.
 EXPERIMENTS: dict[Model, ReferenceRun] = {
     "VibrationMotor": ReferenceRun({"omega_des": 700.0, "d": 1e-6}, 0.5, 5e-3),
-    "MiniRobot": ReferenceRun({"omega_D": -900.0, "omega_E": 950.0, "F_y": 2e-3}, 0.1, 1e-3),
 }
 
 

@@ -51,7 +51,7 @@ def judges(options: Judge) -> "list[Tool]":
             "fmpy, validator",
             tools.package_version("fmpy"),
             tools.validate_by_fmpy,
-            models=("VibrationMotor", "VibrationMotors", "MiniRobot"),
+            models=("VibrationMotor", "VibrationMotors"),
         ),
         tools.Tool("fmpy", tools.package_version("fmpy"), tools.simulate_by_fmpy),
         tools.Tool("ecospy", tools.package_version("ecospy"), tools.simulate_in_process("ecospy")),
@@ -91,7 +91,7 @@ def judges(options: Judge) -> "list[Tool]":
             lambda: named(jar, "--vdmcheck-jar"),
             tools.validate_by_vdmcheck(jar or folder),
             ("3",),
-            ("VibrationMotor", "VibrationMotors", "MiniRobot"),
+            ("VibrationMotor", "VibrationMotors"),
         ),
     ]
 
