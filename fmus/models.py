@@ -30,17 +30,12 @@ def find(model: Model, name: str) -> Path | None:
     return next((f / name for f in folders(model) if (f / name).is_file()), None)
 
 
-def read_bytes(model: Model, name: str) -> bytes:
-    """Content of a model's file.
+def read_text(model: Model, name: str) -> str:
+    """Return the text of a model's file.
 
     Raises:
         FileNotFoundError: it has none of that name.
     """
     if (path := find(model, name)) is None:
         raise FileNotFoundError(f"{model} has no {name}")
-    return path.read_bytes()
-
-
-def read_text(model: Model, name: str) -> str:
-    """Return the text of a model's file."""
-    return read_bytes(model, name).decode()
+    return path.read_text("utf-8")

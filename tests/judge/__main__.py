@@ -20,9 +20,9 @@ _BEGIN, _END = "<!-- python -m tests.judge -->\n", "<!-- end -->\n"
 class Judge:
     """Put the FMUs before judges not written here, and say how far they agree.
 
-    Validators look at the archives, importers simulate the experiments whose results the archives
-    hold. Those that come as Python packages are asked if they are installed (group test), the
-    others if they are named. A judge that is not at hand is said to be so.
+    Validators look at the archives, importers simulate an experiment with one motor. Those that
+    come as Python packages are asked if they are installed (group test), the others if they are
+    named. A judge that is not at hand is said to be so.
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
