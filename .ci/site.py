@@ -23,7 +23,6 @@ PAGES = {
     "minirobots/commands.md": "commands.md",
     "fmus/vibration_motor/README.md": "motor.md",
     "fmus/vibration_motors/README.md": "motors.md",
-    "fmus/mini_robot/README.md": "robot.md",
 }
 SOURCES = {page: source for source, page in PAGES.items()}
 # An entry of a docstring's section that describes several names at once, "x, y: position".

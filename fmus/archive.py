@@ -1,11 +1,11 @@
-"""Archives of FMUs and of systems of them: zip files whose bytes depend on their contents alone."""
+"""Archives of FMUs: zip files whose bytes depend on their contents alone."""
 
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
 from cosim.base.storage import replacing
-from fmus.compiler import TARGETS, universal_binary
+from fmus.compiler import TARGETS
 from fmus.models import Fmi
 
 # The first time a zip archive can tell: an archive says nothing of when it was made.
@@ -17,19 +17,14 @@ def binaries(fmi: Fmi, name: str, libraries: Mapping[str, bytes]) -> dict[str, b
     if fmi == "3":
         places = {target: target for target in libraries}
     else:
-        # FMI 2.0 has no names for aarch64: importers there look into linux64 and win64 too, which
-        # an archive for both architectures must leave to x86-64.
+        # FMI 2.0 has no names for aarch64: importers there look into linux64, win64 and darwin64
+        # too, which an archive for both architectures must leave to x86-64.
         places = {"x86_64-linux": "linux64", "x86_64-windows": "win64", "x86_64-darwin": "darwin64"}
         places |= {
             target: target if other in libraries else places[other]
             for target, other in ((t, t.replace("aarch64", "x86_64")) for t in libraries)
             if target != other
         }
-        both = {"x86_64-darwin", "aarch64-darwin"}
-        if both <= libraries.keys():
-            universal = universal_binary(libraries["x86_64-darwin"], libraries["aarch64-darwin"])
-            libraries = {t: b for t, b in libraries.items() if t not in both}
-            libraries["x86_64-darwin"] = universal
     return {
         f"binaries/{places[target]}/{name}{TARGETS[target].suffix}": content
         for target, content in libraries.items()

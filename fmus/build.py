@@ -14,7 +14,6 @@ from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached
 from fmus.archive import binaries, write_archive
-from fmus.companions import render_build_description, render_terminals
 from fmus.compiler import (
     FLAGS,
     BuildError,
@@ -23,11 +22,10 @@ from fmus.compiler import (
     host_target,
     source_files,
 )
-from fmus.description import render_fmi2, render_fmi3
+from fmus.description import render_build_description, render_fmi2, render_fmi3
 from fmus.documentation import render_html
-from fmus.models import MODELS, ROOT, Fmi, Model, folders, read_bytes
+from fmus.models import MODELS, ROOT, Fmi, Model, folders
 from fmus.origin import Origin, license_text, read_origin
-from fmus.references import reference_files
 from fmus.variables import Table, load_table, render_header
 
 __all__ = ["BuildError", "build_fmu", "build_fmus", "cached_fmu"]
@@ -90,19 +88,12 @@ def build_fmus(
         "documentation/index.html": render_html(table),
         "documentation/licenses/license.txt": license_text().encode(),
     }
-    icon = read_bytes(model, "icon.png")
     for fmi, path in paths.items():
-        if fmi == "2":
-            files = {"modelDescription.xml": render_fmi2(table, token, origin), "model.png": icon}
-        else:
-            files = {
-                "modelDescription.xml": render_fmi3(table, token, origin),
-                "terminalsAndIcons/terminalsAndIcons.xml": render_terminals(table),
-                "terminalsAndIcons/icon.png": icon,
-            }
+        render = render_fmi2 if fmi == "2" else render_fmi3
+        files = {"modelDescription.xml": render(table, token, origin)}
         sources = source_files(model, fmi, header)
         sources["buildDescription.xml"] = render_build_description(table, fmi)
-        files |= binaries(fmi, table.name, libraries) | documentation | reference_files(model)
+        files |= binaries(fmi, table.name, libraries) | documentation
         write_archive(path, files | {f"sources/{name}": sources[name] for name in sources})
     return list(paths.values())
 
@@ -160,7 +151,7 @@ def is_built_in(path: Path) -> bool:
 def instantiation_token(table: Table) -> str:
     """Token that ties model description and binary: a hash of everything they are made from."""
     digest = hashlib.sha256(f"{table!r}{read_origin()}{license_text()}".encode())
-    suffixes = {".c", ".csv", ".h", ".html", ".mo", ".png"}
+    suffixes = {".c", ".h", ".html"}
     files = [path for folder in folders(table.name) for path in folder.iterdir()]
     inputs = [path for path in files if path.suffix in suffixes]
     for path in sorted([*inputs, *ROOT.glob("*.py")]):

@@ -11,7 +11,6 @@ import os
 import platform
 import re
 import shutil
-import struct
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -187,22 +186,3 @@ def run_compiler(command: Sequence[str], work: Path, purpose: str) -> None:
     )
     if run.returncode:
         raise BuildError(f"the C compiler failed for {purpose}: {run.stderr.strip()}")
-
-
-def universal_binary(x86_64: bytes, aarch64: bytes) -> bytes:
-    """Mach-O file for both architectures of macOS, which FMI 2.0 keeps in one folder.
-
-    Args:
-        x86_64: dynamic library for x86-64.
-        aarch64: dynamic library for aarch64.
-    """
-    align = 14  # power of two: pages of 16 kB on aarch64
-    slices = ((0x01000007, 3, x86_64), (0x0100000C, 0, aarch64))
-    header = struct.pack(">II", 0xCAFEBABE, len(slices))
-    body, offset = b"", 1 << align
-    for cpu, subtype, content in slices:
-        header += struct.pack(">IIIII", cpu, subtype, offset, len(content), align)
-        padded = -(-len(content) >> align) << align
-        body += content.ljust(padded, b"\0")
-        offset += padded
-    return header.ljust(1 << align, b"\0") + body

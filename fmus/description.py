@@ -1,4 +1,4 @@
-"""Model descriptions of the FMUs for FMI 2.0 and 3.0, rendered from the variable table.
+"""XML of the FMUs' archives: model descriptions for FMI 2.0 and 3.0, and build descriptions.
 
 Only the markup of the standards lives here; what the variables are is `fmus.variables`.
 """
@@ -6,15 +6,14 @@ Only the markup of the standards lives here; what the variables are is `fmus.var
 import math
 from xml.etree import ElementTree as ET
 
-from fmus.compiler import unit_file
+from fmus.compiler import PLAIN_NAMES, SAME_BITS, unit_file
+from fmus.models import Fmi
 from fmus.origin import Origin
 from fmus.variables import TIME_REFERENCE, Table, Variable
 
 LOG_CATEGORY = "logStatusError"
 # Fig. 7 shows the first seconds of the motor's response. A turn at its speed takes 9 ms.
 DEFAULT_STOP_S, DEFAULT_STEP_S = 2.0, 1e-3
-# For the solvers of Model Exchange.
-DEFAULT_TOLERANCE = 1e-6
 
 _INITIAL = {
     "output": "calculated",
@@ -38,14 +37,9 @@ def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
         "modelIdentifier": table.name,
         "canGetAndSetFMUState": "true",
         "canSerializeFMUState": "true",
+        "canHandleVariableCommunicationStepSize": "true",
     }
-    steps = {"canHandleVariableCommunicationStepSize": "true"}
-    if table.derivatives:
-        derivatives = ("providesDirectionalDerivatives", "providesAdjointDerivatives")
-        capabilities |= dict.fromkeys(derivatives, "true")
-        steps["maxOutputDerivativeOrder"] = "1"
-        ET.SubElement(root, "ModelExchange", capabilities)
-    ET.SubElement(root, "CoSimulation", capabilities | steps)
+    ET.SubElement(root, "CoSimulation", capabilities)
     _add_units(root, table)
     if enumerations := table.group("parameter", "Enumeration"):
         definitions = ET.SubElement(root, "TypeDefinitions")
@@ -57,8 +51,6 @@ def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
     sizes_first = sorted(table.variables, key=lambda v: v.causality != "structuralParameter")
     for variable in sizes_first:  # some importers know no later dimension
         attributes = _identity(variable) | _values(variable)
-        if variable.derivative:
-            attributes["derivative"] = str(table[variable.derivative].reference)
         element = ET.SubElement(variables, variable.type, attributes)
         sizes = [table[name] for name in variable.dimensions]
         for size in sizes:
@@ -68,17 +60,12 @@ def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
             element.set("start", " ".join([attributes["start"]] * count))
     ET.SubElement(variables, "Float64", _time() | {"unit": "s"})
     structure = ET.SubElement(root, "ModelStructure")
-    for name, unknowns in (
-        ("Output", table.group("output")),
-        ("ContinuousStateDerivative", table.derivatives),
-        ("InitialUnknown", _initial_unknowns(table)),
-        ("EventIndicator", table.event_indicators),
-    ):
-        for variable in unknowns:
-            initial = name == "InitialUnknown"
+    for name in ("Output", "InitialUnknown"):
+        for variable in table.group("output"):
             attributes = {"valueReference": str(variable.reference)}
-            ET.SubElement(structure, name, attributes | _dependencies(table, variable, initial))
-    return to_bytes(root)
+            attributes["dependencies"] = _dependencies(table, variable, name != "Output")
+            ET.SubElement(structure, name, attributes)
+    return _to_bytes(root)
 
 
 def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
@@ -90,21 +77,16 @@ def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
         origin: whose work of which version the FMU is.
     """
     root = _root(table, origin, fmiVersion="2.0", guid=token)
-    root.set("numberOfEventIndicators", str(len(table.event_indicators)))
     capabilities = {
         "modelIdentifier": table.name,
         "canNotUseMemoryManagementFunctions": "true",
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",
+        "canHandleVariableCommunicationStepSize": "true",
     }
-    interfaces = {"CoSimulation": {"canHandleVariableCommunicationStepSize": "true"}}
-    if table.derivatives:
-        capabilities["providesDirectionalDerivative"] = "true"
-        interfaces["CoSimulation"]["maxOutputDerivativeOrder"] = "1"
-        interfaces = {"ModelExchange": {"completedIntegratorStepNotNeeded": "true"}} | interfaces
-    for interface, extra in interfaces.items():
-        listing = ET.SubElement(ET.SubElement(root, interface, capabilities | extra), "SourceFiles")
-        ET.SubElement(listing, "File", name=unit_file(table.name, "2"))
+    interface = ET.SubElement(root, "CoSimulation", capabilities)
+    listing = ET.SubElement(interface, "SourceFiles")
+    ET.SubElement(listing, "File", name=unit_file(table.name, "2"))
     _add_units(root, table)
     if enumerations := table.group("parameter", "Enumeration"):
         definitions = ET.SubElement(root, "TypeDefinitions")
@@ -115,25 +97,38 @@ def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
     # FMI 2 counts variables from 1, as the table's value references do; the time needs no variable.
     variables = ET.SubElement(root, "ModelVariables")
     for variable in table.variables:
-        attributes = _values(variable)
-        if variable.derivative:
-            attributes["derivative"] = str(table[variable.derivative].reference)
         scalar = ET.SubElement(variables, "ScalarVariable", _identity(variable))
-        ET.SubElement(scalar, variable.type.replace("Float64", "Real"), attributes)
+        ET.SubElement(scalar, variable.type.replace("Float64", "Real"), _values(variable))
     structure = ET.SubElement(root, "ModelStructure")
-    for name, unknowns in (
-        ("Outputs", table.group("output")),
-        ("Derivatives", table.derivatives),
-        ("InitialUnknowns", _initial_unknowns(table)),
-    ):
-        if not unknowns:
-            continue
+    for name in ("Outputs", "InitialUnknowns"):
         listing = ET.SubElement(structure, name)
-        for variable in unknowns:
-            initial = name == "InitialUnknowns"
+        for variable in table.group("output"):
             attributes = {"index": str(variable.reference)}
-            ET.SubElement(listing, "Unknown", attributes | _dependencies(table, variable, initial))
-    return to_bytes(root)
+            attributes["dependencies"] = _dependencies(table, variable, name != "Outputs")
+            ET.SubElement(listing, "Unknown", attributes)
+    return _to_bytes(root)
+
+
+def render_build_description(table: Table, fmi: Fmi) -> bytes:
+    """`buildDescription.xml`, by which importers compile the sources; FMI 2.0 takes FMI 3.0's.
+
+    Args:
+        table: the variables.
+        fmi: standard of the FMU.
+    """
+    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+    definition = {
+        "name": PLAIN_NAMES[fmi],
+        "value": "1",
+        "optional": "true",
+        "description": f"for a shared library; without it {table.name}_ precedes every function",
+    }
+    build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=table.name)
+    options = {"compiler": "gcc", "compilerOptions": SAME_BITS}
+    files = ET.SubElement(build, "SourceFileSet", options, language="C11")
+    ET.SubElement(files, "SourceFile", name=unit_file(table.name, fmi))
+    ET.SubElement(files, "PreprocessorDefinition", definition)
+    return _to_bytes(root)
 
 
 def _root(table: Table, origin: Origin, **attributes: str) -> ET.Element:
@@ -172,7 +167,6 @@ def _add_frame(root: ET.Element) -> None:
         "DefaultExperiment",
         startTime="0",
         stopTime=repr(DEFAULT_STOP_S),
-        tolerance=repr(DEFAULT_TOLERANCE),
         stepSize=repr(DEFAULT_STEP_S),
     )
 
@@ -221,22 +215,12 @@ def _values(variable: Variable) -> dict[str, str]:
     return attributes
 
 
-def _initial_unknowns(table: Table) -> list[Variable]:
-    states = [table[v.derivative] for v in table.derivatives if v.derivative]
-    unknowns = {v.reference: v for v in (*table.group("output"), *table.derivatives, *states)}
-    return [unknowns[reference] for reference in sorted(unknowns)]
+def _dependencies(table: Table, variable: Variable, initial: bool) -> str:
+    names = (*variable.depends, *(variable.parameters if initial else ()))
+    return " ".join(map(str, sorted(table[name].reference for name in names)))
 
 
-def _dependencies(table: Table, variable: Variable, initial: bool) -> dict[str, str]:
-    names = table.initial_dependencies(variable) if initial else table.dependencies(variable)
-    references = sorted(table[name].reference for name in names)
-    return {
-        "dependencies": " ".join(str(reference) for reference in references),
-        "dependenciesKind": " ".join([variable.dependence] * len(references)),
-    }
-
-
-def to_bytes(root: ET.Element) -> bytes:
+def _to_bytes(root: ET.Element) -> bytes:
     """A document as a file's content, the same for equal documents."""
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"

@@ -18,9 +18,7 @@ def render_html(table: Table) -> bytes:
     values = {
         "name": table.name,
         "description": table.description,
-        "equations": read_text(table.name, "equations.html"),
         "rows": rows,
-        "steps": read_text(table.name, "steps.html"),
         "more": read_text(table.name, f"{table.name}.html"),
     }
     return template.substitute(values).encode()

@@ -7,18 +7,16 @@ from pathlib import Path
 from typing import Literal
 
 Fmi = Literal["2", "3"]
-Model = Literal["VibrationMotor", "VibrationMotors", "MiniRobot"]
+Model = Literal["VibrationMotor", "VibrationMotors"]
 STANDARDS: dict[Model, tuple[Fmi, ...]] = {
     "VibrationMotor": ("2", "3"),
     "VibrationMotors": ("3",),  # FMI 2.0 has no arrays
-    "MiniRobot": ("2", "3"),
 }
 MODELS: tuple[Model, ...] = tuple(STANDARDS)
 ROOT = Path(__file__).parent
 _FOLDERS: dict[Model, tuple[str, ...]] = {
     "VibrationMotor": ("vibration_motor", "fmi"),
     "VibrationMotors": ("vibration_motors", "vibration_motor", "fmi"),
-    "MiniRobot": ("mini_robot", "fmi"),
 }
 
 
@@ -32,17 +30,12 @@ def find(model: Model, name: str) -> Path | None:
     return next((f / name for f in folders(model) if (f / name).is_file()), None)
 
 
-def read_bytes(model: Model, name: str) -> bytes:
-    """Content of a model's file.
+def read_text(model: Model, name: str) -> str:
+    """Return the text of a model's file.
 
     Raises:
         FileNotFoundError: it has none of that name.
     """
     if (path := find(model, name)) is None:
         raise FileNotFoundError(f"{model} has no {name}")
-    return path.read_bytes()
-
-
-def read_text(model: Model, name: str) -> str:
-    """Return the text of a model's file."""
-    return read_bytes(model, name).decode()
+    return path.read_text("utf-8")

@@ -30,13 +30,8 @@ class Variable:
         min: least value, inclusive, or None.
         max: greatest value, inclusive, or None.
         nominal: typical size, or None.
-        derivative: name of the state whose time derivative this is, or None.
-        depends: names of the inputs and states that determine it at any moment.
-        parameters: names of the parameters that determine it at the start, beside those that
-            determine the states it depends on.
-        dependence: how it depends on all these, as FMI says it: "dependent", or "constant" where
-            each has a constant factor.
-        event_indicator: whether a change of its sign is an event of Model Exchange.
+        depends: names of the inputs that determine it at any moment.
+        parameters: names of the parameters that determine it at the start.
         items: (name, description) of each choice of an Enumeration, counted from 1.
         dimensions: names of the structural parameters that an array has the lengths of, the last
             one's elements next to each other; none of a scalar.
@@ -54,11 +49,8 @@ class Variable:
     min: float | None = None
     max: float | None = None
     nominal: float | None = None
-    derivative: str | None = None
     depends: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
-    dependence: str = "dependent"
-    event_indicator: bool = False
     items: tuple[tuple[str, str], ...] = ()
     dimensions: tuple[str, ...] = ()
     tunable: bool = False
@@ -88,47 +80,16 @@ class Table:
         description: of the model, one line for people.
         variables: all but the time.
         units: of the variables.
-        terminals: variables that belong together, by terminal: their names by those that they
-            have in it. Terminals with the same names fit together.
     """
 
     name: Model
     description: str
     variables: tuple[Variable, ...]
     units: tuple[Unit, ...]
-    terminals: dict[str, dict[str, str]]
 
     def group(self, causality: str, type: str = "Float64") -> tuple[Variable, ...]:  # noqa: A002
         """Variables of one causality and type; their value references are contiguous."""
         return tuple(v for v in self.variables if v.causality == causality and v.type == type)
-
-    @property
-    def derivatives(self) -> tuple[Variable, ...]:
-        """Derivatives of the continuous states, in the order of the states.
-
-        A model that has none is for co-simulation alone.
-        """
-        derivatives = {v.derivative: v for v in self.variables if v.derivative}
-        return tuple(derivatives[v.name] for v in self.variables if v.name in derivatives)
-
-    @property
-    def event_indicators(self) -> tuple[Variable, ...]:
-        """Event indicators of Model Exchange, in their order."""
-        return tuple(v for v in self.variables if v.event_indicator)
-
-    def dependencies(self, variable: Variable) -> set[str]:
-        """Names of the inputs, and of the states if the model shows any, that determine it."""
-        states = {derivative.derivative for derivative in self.derivatives}
-        return {
-            name for name in variable.depends if self[name].causality == "input" or name in states
-        }
-
-    def initial_dependencies(self, variable: Variable) -> set[str]:
-        """Names of the inputs and parameters that determine a variable at the start."""
-        names = set(variable.parameters)
-        for known in map(self.__getitem__, variable.depends):
-            names |= {known.name} if known.causality == "input" else set(known.parameters)
-        return names
 
     def __getitem__(self, name: str) -> Variable:
         """Variable of that name.
@@ -180,7 +141,7 @@ def load_table(model: Model = "VibrationMotor") -> Table:
     used = {variable.unit for variable in variables}
     defined = (Unit(name, u["base"], u.get("display", {})) for name, u in units.items())
     shown = tuple(unit for unit in defined if unit.name in used)
-    return Table(model, about["description"], variables, shown, raw["terminals"])
+    return Table(model, about["description"], variables, shown)
 
 
 def _variable(
@@ -193,8 +154,6 @@ def _variable(
     row["type"] = row.get("type", "Float64")
     usual = () if row.pop("scalar", False) or "dimension" not in about else (about["dimension"],)
     row["dimensions"] = tuple(row.get("dimensions", usual))
-    if "dimension" in about:
-        row.pop("derivative", None)  # arrays are for co-simulation: their states are their own
     for key in ("depends", "parameters"):
         row[key] = tuple(row.get(key, ()))
     row["items"] = tuple((item["name"], item["description"]) for item in row.get("items", ()))
@@ -216,14 +175,12 @@ def render_header(table: Table, token: str) -> str:
         table: the variables.
         token: instantiation token that ties the binary to its model description.
     """
-    inputs, outputs = table.group("input"), table.group("output")
-    parameters = table.group("parameter")
-    states = [table[v.derivative] for v in table.derivatives if v.derivative]
+    inputs, parameters = table.group("input"), table.group("parameter")
     options = list(table.group("parameter", "Boolean"))
     options += table.group("parameter", "Enumeration")
     structural = table.group("structuralParameter", "UInt64")
     references = [f"VR_time = {TIME_REFERENCE}"]
-    references += [f"VR_{_identifier(v.name)} = {v.reference}" for v in table.variables]
+    references += [f"VR_{v.name} = {v.reference}" for v in table.variables]
 
     def array(name: str, values: list[str]) -> str:
         return f"static const double {name}[] = {{{', '.join(values)}}};"
@@ -238,14 +195,12 @@ def render_header(table: Table, token: str) -> str:
         f"enum {{ {', '.join(references)} }};",
         f"enum {{ VARIABLE_COUNT = {1 + len(table.variables)} }};",
         f"enum {{ INPUT_FIRST = {inputs[0].reference}, INPUT_COUNT = {len(inputs)} }};",
-        f"enum {{ OUTPUT_FIRST = {outputs[0].reference}, OUTPUT_COUNT = {len(outputs)} }};",
         f"enum {{ PARAMETER_FIRST = {parameters[0].reference}, "
         f"PARAMETER_COUNT = {len(parameters)} }};",
         f"#define INPUT_FIELDS double {', '.join(v.name for v in inputs)};",
         f"#define PARAMETER_FIELDS double {', '.join(v.name for v in parameters)};",
         *(f"enum {{ START_{v.name} = {int(v.start or 0)} }};" for v in (*options, *structural)),
         *(f"enum {{ LEAST_{v.name} = {v.min}, MOST_{v.name} = {v.max} }};" for v in structural),
-        *(f"#define NOMINAL_{v.name} {v.nominal!r}" for v in states),
         array("input_start", [repr(float(v.start or 0)) for v in inputs]),
         array("parameter_start", [repr(float(v.start or 0)) for v in parameters]),
         array("parameter_min", [_limit(v.min, "-") for v in parameters]),
@@ -259,7 +214,3 @@ def render_header(table: Table, token: str) -> str:
 
 def _limit(value: float | None, sign: str) -> str:
     return f"{sign}INFINITY" if value is None else repr(float(value))
-
-
-def _identifier(name: str) -> str:
-    return name.replace("(", "_").replace(")", "")

@@ -22,7 +22,6 @@ DATA = {
     "fmus/vibration_motor/VibrationMotor.mo",
     "fmus/vibration_motor/icon.png",
     "fmus/fmi/fmi3.c",
-    "fmus/mini_robot/variables.toml",
     "analysis/report/templates/report.html.j2",
     "analysis/report/templates/report.css",
     "cosim/model/icra2006.toml",

@@ -1,6 +1,6 @@
-/* FMI 2.0 shim: translates the calls of the standard that every model has to instance.h and nothing
- * else; what a model has beside them is in a shim of its own, which comes after this one.
- * The standard's header marks every function for export. */
+/* FMI 2.0 shim of VibrationMotor: translates the calls of the standard to instance.h and nothing
+ * else. The functions of Model Exchange alone are missing, as the standard allows. The standard's
+ * header marks every function for export. */
 #include "fmi2Functions.h"
 
 #include "instance.h"
@@ -38,9 +38,15 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
                               fmi2String fmuResourceLocation,
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible,
                               fmi2Boolean loggingOn) {
-    return instance_new(instanceName, fmuGUID, fmuType == fmi2ModelExchange, log_fmi2,
-                        functions ? (void (*)(void))functions->logger : NULL,
-                        functions ? functions->componentEnvironment : NULL, loggingOn != 0);
+    Instance *self = instance_new(
+        instanceName, fmuGUID, log_fmi2, functions ? (void (*)(void))functions->logger : NULL,
+        functions ? functions->componentEnvironment : NULL, loggingOn != 0);
+    if (self && fmuType != fmi2CoSimulation) {
+        fail(self, __func__, "this FMU does not offer Model Exchange");
+        instance_free(self);
+        return NULL;
+    }
+    return self;
 }
 
 void fmi2FreeInstance(fmi2Component c) { instance_free(c); }
@@ -63,13 +69,13 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
     Instance *self = c;
     REQUIRE(self, INITIALIZATION);
-    model_exit_initialization(self);
+    self->now.life_cycle = STEP;
     return fmi2OK;
 }
 
 fmi2Status fmi2Terminate(fmi2Component c) {
     Instance *self = c;
-    REQUIRE(self, RUNNING);
+    REQUIRE(self, STEP);
     self->now.life_cycle = TERMINATED;
     return fmi2OK;
 }
@@ -212,7 +218,7 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedSta
     REQUIRE_POINTER(self, serializedState);
     REQUIRE_POINTER(self, FMUstate);
     return (fmi2Status)model_deserialize(self, __func__, (const unsigned char *)serializedState,
-                                            size, FMUstate);
+                                         size, FMUstate);
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint,
@@ -221,7 +227,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint,
     Instance *self = c;
     REQUIRE(self, STEP);
     return (fmi2Status)model_do_step(self, __func__, currentCommunicationPoint,
-                                        communicationStepSize);
+                                     communicationStepSize);
 }
 
 fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value) {
@@ -255,6 +261,11 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
 
 NOT_OFFERED(fmi2SetRealInputDerivatives, const fmi2ValueReference vr[], size_t nvr,
             const fmi2Integer order[], const fmi2Real value[])
+NOT_OFFERED(fmi2GetRealOutputDerivatives, const fmi2ValueReference vr[], size_t nvr,
+            const fmi2Integer order[], fmi2Real value[])
+NOT_OFFERED(fmi2GetDirectionalDerivative, const fmi2ValueReference unknowns[], size_t nUnknowns,
+            const fmi2ValueReference knowns[], size_t nKnowns, const fmi2Real seed[],
+            fmi2Real sensitivity[])
 NOT_OFFERED(fmi2CancelStep)
 NOT_OFFERED(fmi2GetStatus, const fmi2StatusKind kind, fmi2Status *value)
 NOT_OFFERED(fmi2GetIntegerStatus, const fmi2StatusKind kind, fmi2Integer *value)

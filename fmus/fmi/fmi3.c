@@ -27,25 +27,17 @@ fmi3Instance fmi3InstantiateCoSimulation(
     fmi3Boolean earlyReturnAllowed, const fmi3ValueReference requiredIntermediateVariables[],
     size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment instanceEnvironment,
     fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate) {
-    Instance *self = instance_new(instanceName, instantiationToken, false, log_fmi3,
+    Instance *self = instance_new(instanceName, instantiationToken, log_fmi3,
                                   (void (*)(void))logMessage, instanceEnvironment, loggingOn);
     if (!self)
         return NULL;
     if (eventModeUsed || nRequiredIntermediateVariables) {
-        fail(self, __func__, "this FMU has no Event Mode and no intermediate updates in co-simulation");
+        fail(self, __func__,
+             "this FMU has no Event Mode and no intermediate updates in co-simulation");
         instance_free(self);
         return NULL;
     }
     return self;
-}
-
-fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken,
-                                          fmi3String resourcePath, fmi3Boolean visible,
-                                          fmi3Boolean loggingOn,
-                                          fmi3InstanceEnvironment instanceEnvironment,
-                                          fmi3LogMessageCallback logMessage) {
-    return instance_new(instanceName, instantiationToken, true, log_fmi3,
-                        (void (*)(void))logMessage, instanceEnvironment, loggingOn);
 }
 
 void fmi3FreeInstance(fmi3Instance instance) { instance_free(instance); }
@@ -64,13 +56,13 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
     Instance *self = instance;
     REQUIRE(self, INITIALIZATION);
-    model_exit_initialization(self);
+    self->now.life_cycle = STEP;
     return fmi3OK;
 }
 
 fmi3Status fmi3Terminate(fmi3Instance instance) {
     Instance *self = instance;
-    REQUIRE(self, RUNNING);
+    REQUIRE(self, STEP);
     self->now.life_cycle = TERMINATED;
     return fmi3OK;
 }
@@ -85,16 +77,16 @@ fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference valueR
                           size_t nValueReferences, fmi3Float64 values[], size_t nValues) {
     Instance *self = instance;
     REQUIRE(self, READABLE);
-    return (fmi3Status)model_get_double(self, __func__, valueReferences, nValueReferences,
-                                        values, nValues);
+    return (fmi3Status)model_get_double(self, __func__, valueReferences, nValueReferences, values,
+                                        nValues);
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
                           size_t nValueReferences, const fmi3Float64 values[], size_t nValues) {
     Instance *self = instance;
     REQUIRE(self, WRITABLE);
-    return (fmi3Status)model_set_double(self, __func__, valueReferences, nValueReferences,
-                                        values, nValues);
+    return (fmi3Status)model_set_double(self, __func__, valueReferences, nValueReferences, values,
+                                        nValues);
 }
 
 /* Access to variables that a model has as options, see instance.h, one by one. */
@@ -290,6 +282,31 @@ NOT_OFFERED(fmi3SetShiftFraction, REFERENCES, const fmi3UInt64 counters[],
 NOT_OFFERED(fmi3ActivateModelPartition, fmi3ValueReference clockReference,
             fmi3Float64 activationTime)
 
+NOT_OFFERED(fmi3GetOutputDerivatives, REFERENCES, const fmi3Int32 orders[], fmi3Float64 values[],
+            size_t nValues)
+NOT_OFFERED(fmi3GetDirectionalDerivative, const fmi3ValueReference unknowns[], size_t nUnknowns,
+            const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],
+            size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity)
+NOT_OFFERED(fmi3GetAdjointDerivative, const fmi3ValueReference unknowns[], size_t nUnknowns,
+            const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],
+            size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity)
+NOT_OFFERED(fmi3EnterEventMode)
+NOT_OFFERED(fmi3EnterContinuousTimeMode)
+NOT_OFFERED(fmi3UpdateDiscreteStates, fmi3Boolean *discreteStatesNeedUpdate,
+            fmi3Boolean *terminateSimulation, fmi3Boolean *nominalsOfContinuousStatesChanged,
+            fmi3Boolean *valuesOfContinuousStatesChanged, fmi3Boolean *nextEventTimeDefined,
+            fmi3Float64 *nextEventTime)
+NOT_OFFERED(fmi3CompletedIntegratorStep, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
+            fmi3Boolean *enterEventMode, fmi3Boolean *terminateSimulation)
+NOT_OFFERED(fmi3SetTime, fmi3Float64 time)
+NOT_OFFERED(fmi3SetContinuousStates, const fmi3Float64 continuousStates[], size_t nContinuousStates)
+NOT_OFFERED(fmi3GetContinuousStates, fmi3Float64 continuousStates[], size_t nContinuousStates)
+NOT_OFFERED(fmi3GetContinuousStateDerivatives, fmi3Float64 derivatives[], size_t nContinuousStates)
+NOT_OFFERED(fmi3GetNominalsOfContinuousStates, fmi3Float64 nominals[], size_t nContinuousStates)
+NOT_OFFERED(fmi3GetEventIndicators, fmi3Float64 eventIndicators[], size_t nEventIndicators)
+NOT_OFFERED(fmi3GetNumberOfContinuousStates, size_t *nContinuousStates)
+NOT_OFFERED(fmi3GetNumberOfEventIndicators, size_t *nEventIndicators)
+
 /* The same of a whole interface, where there is no instance yet. */
 static fmi3Instance no_instance(const char *function, fmi3Boolean loggingOn,
                                 fmi3InstanceEnvironment instanceEnvironment,
@@ -300,6 +317,14 @@ static fmi3Instance no_instance(const char *function, fmi3Boolean loggingOn,
                             .logging = loggingOn};
     fail(&draft, function, "this FMU does not offer it");
     return NULL;
+}
+
+fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken,
+                                          fmi3String resourcePath, fmi3Boolean visible,
+                                          fmi3Boolean loggingOn,
+                                          fmi3InstanceEnvironment instanceEnvironment,
+                                          fmi3LogMessageCallback logMessage) {
+    return no_instance(__func__, loggingOn, instanceEnvironment, logMessage);
 }
 
 fmi3Instance fmi3InstantiateScheduledExecution(

@@ -4,13 +4,6 @@
 #if !defined(FMI2_FUNCTION_PREFIX) && !defined(FMI2_OVERRIDE_FUNCTION_PREFIX)
 #define FMI2_FUNCTION_PREFIX VibrationMotor_
 #endif
-#include "fmi2Functions.h"
-
-#include "instance.c"
-#include "motor_instance.c"
-#include "derivatives.c"
-
-#include "plain.c"
+#include "single.c"
 
 #include "fmi2.c"
-#include "fmi2_motor.c"

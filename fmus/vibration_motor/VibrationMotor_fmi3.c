@@ -4,13 +4,12 @@
 #ifndef FMI3_FUNCTION_PREFIX
 #define FMI3_FUNCTION_PREFIX VibrationMotor_
 #endif
-#include "fmi3Functions.h"
-
-#include "instance.c"
-#include "motor_instance.c"
-#include "derivatives.c"
-
-#include "plain.c"
+#include "single.c"
 
 #include "fmi3.c"
-#include "fmi3_motor.c"
+
+/* Enumerations are Int64 in FMI 3. */
+OPTION_ACCESS(Int64, "Enumeration")
+NO_VARIABLES(UInt64)
+NOT_OFFERED(fmi3EnterConfigurationMode)
+NOT_OFFERED(fmi3ExitConfigurationMode)

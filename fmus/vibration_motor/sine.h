@@ -1,9 +1,23 @@
 /* A sine that is the same to the bit on every platform: no libm, and no branches, so that compilers
- * can take several angles at once. */
+ * can take several angles at once. Floating-point contraction must be off: compilers other than Clang
+ * need -ffp-contract=off. */
 #ifndef SINE_H
 #define SINE_H
 
-#include "exact.h"
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#ifdef __clang__
+#pragma STDC FP_CONTRACT OFF
+#endif
+
+/* Compilers vectorise a loop only if the equations in it are inlined. */
+#ifdef __GNUC__
+#define INLINE static inline __attribute__((always_inline))
+#else
+#define INLINE static inline
+#endif
 
 /* Adding and subtracting it rounds to a whole number, half to even: 1.5 * 2^52. */
 #define ROUNDER 6755399441055744.0
@@ -33,7 +47,5 @@ INLINE double sine(double x) {
     const double upright = quotient - 2.0 * half == 0.0 ? s : -s;
     return fabs(x) <= MOST_ANGLE ? upright : 0.0;
 }
-
-INLINE double cosine(double x) { return sine(x + 0x1.921fb54442d18p+0); }
 
 #endif

@@ -4,15 +4,10 @@
 #ifndef FMI3_FUNCTION_PREFIX
 #define FMI3_FUNCTION_PREFIX VibrationMotors_
 #endif
-#include "fmi3Functions.h"
-
-#include "instance.c"
-
 #include "array.c"
 
 #include "array_access.c"
 #include "array_saving.c"
 
 #include "fmi3.c"
-#include "fmi3_cosimulation.c"
 #include "fmi3_array.c"

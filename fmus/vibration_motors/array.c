@@ -1,12 +1,7 @@
 /* See instance.h and array.h: memory, life cycle and steps of an array of motors. */
 #include "array.h"
 
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
 static const size_t model_size = sizeof(Motors);
-static const bool model_exchanges = false;
 
 Status motors_allocate(Motors *motors, const char *function, uint64_t n, uint64_t samples) {
     const size_t count = block_count((size_t)n);
@@ -95,8 +90,6 @@ Status model_reset(Instance *instance, const char *function) {
 }
 
 void model_release(Instance *instance) { free(motors_of(instance)->memory); }
-
-void model_exit_initialization(Instance *instance) { instance->now.life_cycle = STEP; }
 
 /* Undo a step in which a motor grew beyond all bounds, and say which. */
 static Status undo_step(Motors *motors, const char *function, double time) {

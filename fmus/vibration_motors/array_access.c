@@ -1,6 +1,4 @@
 /* See instance.h and array.h: access to variables of an array of motors by value reference. */
-#include <string.h>
-
 #include "array.h"
 
 /* Where a block keeps a variable; ROW_COUNT if it does not. */

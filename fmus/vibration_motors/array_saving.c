@@ -1,7 +1,4 @@
 /* See instance.h: saved and serialised states of an array of motors. */
-#include <stdlib.h>
-#include <string.h>
-
 #include "array.h"
 
 /* A saved state is this, SAVED_ROWS rows of n doubles, and `restart` and `restarted` of n integers.
@@ -15,7 +12,7 @@ typedef struct {
 } Head;
 
 /* Equal states are equal bytes, so that importers can compare them. */
-_Static_assert(sizeof(Head) == 7 * sizeof(double) + 2 * sizeof(int32_t), "no padding");
+_Static_assert(sizeof(Head) == 8 * sizeof(double), "no padding");
 
 static size_t state_size(uint64_t n) {
     return sizeof(Head) + (size_t)n * (SAVED_ROWS * sizeof(double) + 2 * sizeof(int64_t));
@@ -67,18 +64,13 @@ Status model_restore(Instance *instance, const char *function, const void *state
 
 /* Bytes from outside must not bring about a state that no sequence of calls could. */
 static bool is_sound(const Head *head) {
-    const Standing *now = &head->now;
-    const int32_t life = now->life_cycle;
     const size_t n = (size_t)head->n;
     const double *values = (const double *)(head + 1);
     const double *least = parameter_min, *most = parameter_max;
     const size_t step_size = VR_step_size - PARAMETER_FIRST;
-    if (!(within(&now->time, 1, NULL, NULL) &&
-          within(&head->step_size, 1, least + step_size, most + step_size) &&
-          fabs(now->owed) <= WHOLE_STEPS_TOLERANCE * head->step_size &&
-          now->stop_time > -INFINITY && (head->closed_loop == 0 || head->closed_loop == 1) &&
-          now->model_exchange == 0 && life > 0 && !(life & (life - 1)) &&
-          (life & (STARTING | CONFIGURATION | STEP | TERMINATED))))
+    if (!(within(&head->step_size, 1, least + step_size, most + step_size) &&
+          (head->closed_loop == 0 || head->closed_loop == 1) &&
+          is_standing(&head->now, head->step_size)))
         return false;
     for (size_t row = 0; row < SAVED_ROWS; row++) {
         const bool limited = row - ROW_PARAMETER < MOTOR_PARAMETER_COUNT;

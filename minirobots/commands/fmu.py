@@ -1,4 +1,4 @@
-"""Build motors and robots as FMUs and SSP for other tools, or an FMU from its sources."""
+"""Build motors as FMUs for other tools, or an FMU from its sources."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -15,21 +15,15 @@ if TYPE_CHECKING:
     TargetChoice = str
 else:
     TargetChoice = tyro.extras.literal_type_from_choices(("host", "all", *TARGETS))
-What = Literal["motor", "motors", "robot", "ssp"]
-SHORT_NAMES: dict[str, Model] = {
-    "motor": "VibrationMotor",
-    "motors": "VibrationMotors",
-    "robot": "MiniRobot",
-}
+What = Literal["motor", "motors"]
+SHORT_NAMES: dict[What, Model] = {"motor": "VibrationMotor", "motors": "VibrationMotors"}
 
 
 class Build(CommandOptions):
-    """Build FMUs: of one vibration motor, of an array of motors, of a robot; or a system of them.
+    """Build FMUs of one vibration motor and of an array of motors, which needs FMI 3.0.
 
-    VibrationMotor offers co-simulation and Model Exchange, MiniRobot co-simulation, and so does
-    VibrationMotors, which needs FMI 3.0. Without --fmi FMI 3.0 FMUs are written under the models'
-    names, which the co-simulation uses; with --fmi the names include the standard, as in
-    VibrationMotor_fmi2.fmu.
+    Without --fmi FMI 3.0 FMUs are written under the models' names, which the co-simulation uses;
+    with --fmi the names include the standard, as in VibrationMotor_fmi2.fmu.
 
     With --sources the sources of an unpacked FMU, perhaps changed, are compiled for this machine,
     and the FMU is packed again: get such a folder by `minirobots fmu motor --out .` and `python -m
@@ -38,10 +32,9 @@ class Build(CommandOptions):
     """
 
     what: Annotated[
-        tyro.conf.Positional[tuple[What, ...]], tyro.conf.arg(metavar="{motor,motors,robot,ssp}")
+        tyro.conf.Positional[tuple[What, ...]], tyro.conf.arg(metavar="{motor,motors}")
     ] = ()
-    """What to build: models by their short names, or ssp, two robots with their motors as archives
-    of SSP 1.0 (FMI 2.0) and 2.0 (FMI 3.0)."""
+    """What to build: models by their short names."""
     out: Folder
     """Folder that receives the files; made if missing."""
     model: tuple[Model, ...] = MODELS
@@ -63,17 +56,13 @@ class Build(CommandOptions):
             raise UserError("--sources is compiled for this machine only; leave other options out")
         if self.what and self.model != MODELS:
             raise UserError("--model has no effect where models are named first; leave one out")
-        if self.what == ("ssp",) and self.fmi is not None:
-            raise UserError("--fmi has no effect on ssp, which has one for each; leave it out")
         if self.fmi == "2" and self.models == ("VibrationMotors",):
             raise UserError("FMI 2 has no arrays, which VibrationMotors needs; use --fmi 3")
 
     @property
     def models(self) -> tuple[Model, ...]:
         """Requested models."""
-        if not self.what:
-            return self.model
-        return tuple(SHORT_NAMES[name] for name in self.what if name != "ssp")
+        return tuple(SHORT_NAMES[name] for name in self.what) or self.model
 
 
 def _paths(options: Build, model: Model) -> dict[Fmi, Path]:
@@ -96,7 +85,6 @@ def run(options: Build, progress: Progress) -> dict[str, Any]:
         return pack(options.sources, options.out / f"{name}.fmu", progress)
     from fmus.build import build_fmus
     from fmus.compiler import host_target
-    from fmus.ssp.archive import build_ssp
 
     targets: dict[str, None] = {}
     for choice in options.targets:
@@ -106,6 +94,4 @@ def run(options: Build, progress: Progress) -> dict[str, Any]:
     for model in options.models:
         if paths := _paths(options, model):
             files += build_fmus(paths, list(targets), progress, model)
-    if "ssp" in options.what:
-        files += build_ssp(options.out, targets=list(targets), progress=progress)
     return {"files": [str(file) for file in files]}

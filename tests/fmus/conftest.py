@@ -1,6 +1,7 @@
 """The FMU under test, driven through fmpy's classes (`rig`) or by bare C calls (`instance`)."""
 
 import ctypes
+import struct
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi2 import fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2EventInfo
+from fmpy.fmi2 import fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave, fmi3LogMessageCallback
 
 from fmus.build import build_fmus, cached_fmu, instantiation_token
@@ -18,6 +19,12 @@ from fmus.variables import TIME_REFERENCE, load_table
 
 OUTPUTS = ("theta", "omega", "omega_dot", "V_s", "i")
 OK, ERROR = 0, 3
+# Places of values in a serialised state of one motor, in bytes from its end, and their formats.
+FIELD = {
+    "closed_loop": (80, "=i"), "solver": (76, "=i"), "theta": (72, "=d"), "omega": (64, "=d"),
+    "integral": (56, "=d"), "time": (40, "=d"), "owed": (32, "=d"), "stop_time": (24, "=d"),
+    "life_cycle": (16, "=q"),
+}  # fmt: skip
 REFERENCE = {"time": TIME_REFERENCE} | {v.name: v.reference for v in load_table().variables}
 
 
@@ -66,7 +73,6 @@ class Instance:
         library: Any,
         token: str,
         fmi: int,
-        model_exchange: bool,
         logging: bool,
         name: bytes | None,
     ) -> None:
@@ -79,18 +85,15 @@ class Instance:
             log = fmi2CallbackLoggerTYPE(lambda *a: self.messages.append(a[4].decode()))
             self._keep = fmi2CallbackFunctions(logger=log), log
             make = self.library.fmi2Instantiate
-            arguments = [name, int(not model_exchange), text, b"", ctypes.byref(self._keep[0])]
+            arguments = [name, 1, text, b"", ctypes.byref(self._keep[0])]
             arguments += [0, int(logging)]
         else:
             log = fmi3LogMessageCallback(lambda *a: self.messages.append(a[3].decode()))
             self._keep = log, log
             none = ctypes.c_void_p()
             flags = [ctypes.c_bool(flag) for flag in (False, logging, False, False)]
-            flags = flags[: 2 if model_exchange else 4]
-            kind = "ModelExchange" if model_exchange else "CoSimulation"
-            make = getattr(self.library, f"fmi3Instantiate{kind}")
-            middle = [] if model_exchange else [none, ctypes.c_size_t(0)]
-            arguments = [name, text, b"", *flags, *middle, none, log, none]
+            make = self.library.fmi3InstantiateCoSimulation
+            arguments = [name, text, b"", *flags, none, ctypes.c_size_t(0), none, log, none]
         make.restype = ctypes.c_void_p
         self.handle = make(*arguments)
 
@@ -156,7 +159,7 @@ class Instance:
         return max(status, self.call("EnterInitializationMode"))
 
     def start(self, **values: float | bool) -> "Instance":
-        """Set, initialise and go to Step Mode or Event Mode."""
+        """Set, initialise and go to Step Mode."""
         assert self.set(**values) == OK, self.messages
         assert self.enter_initialization() == OK
         assert self.call("ExitInitializationMode") == OK
@@ -168,17 +171,6 @@ class Instance:
         flags = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]
         last = ctypes.byref(ctypes.c_double())
         return self.call("DoStep", time_s, step_s, ctypes.c_bool(True), *flags, last)
-
-    def update_discrete_states(self) -> bool:
-        """Whether the FMU tells that the values of continuous states changed."""
-        if self.fmi == 2:
-            event = fmi2EventInfo()
-            assert self.call("NewDiscreteStates", ctypes.byref(event)) == OK
-            return bool(event.valuesOfContinuousStatesChanged)
-        flags, time_s = [ctypes.c_bool() for _ in range(5)], ctypes.c_double()
-        pointers = [ctypes.byref(each) for each in (*flags, time_s)]
-        assert self.call("UpdateDiscreteStates", *pointers) == OK
-        return flags[3].value
 
     def set_logging(self, on: bool, *categories: str | None) -> int:
         names = (ctypes.c_char_p * len(categories))(
@@ -206,6 +198,19 @@ class Instance:
         for byte in content[:-8]:
             checksum = (checksum ^ byte) * 0x100000001B3 % 2**64
         return content[:-8] + checksum.to_bytes(8, sys.byteorder)
+
+    def with_field(self, saved: bytes, name: str, value: float) -> bytes:
+        """A serialised state of one motor with one value replaced and the checksum put right."""
+        content, (place, kind) = bytearray(saved), FIELD[name]
+        struct.pack_into(kind, content, len(content) - place, value)
+        return self.sealed(bytes(content))
+
+    def place(self, **state: float) -> None:
+        """Put one motor into a state, by the names of `FIELD`."""
+        content = self.save()
+        for name, value in state.items():
+            content = self.with_field(content, name, value)
+        assert self.load(content) == OK, self.messages
 
     def load(self, content: bytes) -> int:
         """Deserialise and set a state."""
@@ -278,13 +283,12 @@ def instance(library: Path, token: str) -> Iterator[Callable[..., Instance]]:
 
     def make(
         fmi: int = 3,
-        model_exchange: bool = False,
         token: str = token,
         logging: bool = True,
         library: Any = library,
         name: bytes | None = b"instance",
     ) -> Instance:
-        instances.append(Instance(library, token, fmi, model_exchange, logging, name))
+        instances.append(Instance(library, token, fmi, logging, name))
         return instances[-1]
 
     yield make

@@ -20,9 +20,9 @@ _BEGIN, _END = "<!-- python -m tests.judge -->\n", "<!-- end -->\n"
 class Judge:
     """Put the FMUs before judges not written here, and say how far they agree.
 
-    Validators look at the archives, importers simulate the experiments whose results the archives
-    hold. Those that come as Python packages are asked if they are installed (group test), the
-    others if they are named. A judge that is not at hand is said to be so.
+    Validators look at the archives, importers simulate an experiment with one motor. Those that
+    come as Python packages are asked if they are installed (group test), the others if they are
+    named. A judge that is not at hand is said to be so.
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
@@ -51,7 +51,7 @@ def judges(options: Judge) -> "list[Tool]":
             "fmpy, validator",
             tools.package_version("fmpy"),
             tools.validate_by_fmpy,
-            models=("VibrationMotor", "VibrationMotors", "MiniRobot"),
+            models=("VibrationMotor", "VibrationMotors"),
         ),
         tools.Tool("fmpy", tools.package_version("fmpy"), tools.simulate_by_fmpy),
         tools.Tool("ecospy", tools.package_version("ecospy"), tools.simulate_in_process("ecospy")),
@@ -91,7 +91,7 @@ def judges(options: Judge) -> "list[Tool]":
             lambda: named(jar, "--vdmcheck-jar"),
             tools.validate_by_vdmcheck(jar or folder),
             ("3",),
-            ("VibrationMotor", "VibrationMotors", "MiniRobot"),
+            ("VibrationMotor", "VibrationMotors"),
         ),
     ]
 

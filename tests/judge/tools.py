@@ -1,7 +1,6 @@
 """The judges, one function each: what one of them says of one FMU.
 
-Importers simulate the experiment of `fmus.references`; what they find is held against the results
-that the archives hold.
+Importers simulate the experiment of `tests.judge.experiment`; its own results are compared.
 """
 
 import csv
@@ -21,8 +20,8 @@ import msgspec
 import numpy as np
 
 from cosim.base.errors import UserError
-from fmus.models import Fmi, Model, read_text
-from fmus.references import EXPERIMENTS, FOLDER, outputs_of, reference_files
+from fmus.models import Fmi, Model
+from tests.judge.experiment import INPUTS, OUTPUTS, STEP_S, STOP_S, reference_rows
 
 TIMEOUT_S = 120.0
 SAME = (
@@ -85,7 +84,7 @@ class Tool(NamedTuple):
     version: Callable[[], str]
     judge: Callable[[Artefact], "np.ndarray | list[str]"]
     standards: tuple[Fmi, ...] = ("2", "3")
-    models: tuple[Model, ...] = tuple(EXPERIMENTS)
+    models: tuple[Model, ...] = ("VibrationMotor",)
 
     def takes(self, artefact: Artefact) -> bool:
         """Whether it is asked about an FMU."""
@@ -107,24 +106,18 @@ def ask(tool: Tool, artefact: Artefact) -> Verdict:
     if isinstance(found, list):
         says = "; ".join(found) or "valid"
         return Verdict(tool.name, known, artefact.name, says, None, not found)
-    deviation = deviation_of(found, artefact.model)
+    deviation = deviation_of(found)
     says = "the same bits" if deviation == 0.0 else "simulated"
     return Verdict(tool.name, known, artefact.name, says, deviation, deviation <= SAME)
 
 
-def reference_rows(model: Model) -> np.ndarray:
-    """Outputs after every step, (steps, outputs) float64, as the archives hold them."""
-    rows = list(csv.reader(read_text(model, f"{model}_ref.csv").splitlines()))
-    return np.array(rows[2:], dtype=np.float64)[:, 1:]
-
-
-def deviation_of(found: np.ndarray, model: Model) -> float:
+def deviation_of(found: np.ndarray) -> float:
     """Largest deviation of an output, relative to its largest value.
 
     Raises:
         ValueError: there are more or fewer rows, or outputs.
     """
-    expected = reference_rows(model)
+    expected = reference_rows()
     if found.shape != expected.shape:
         raise ValueError(f"{found.shape[0]} rows of {found.shape[1]} outputs")
     scale = np.abs(expected).max(axis=0)
@@ -150,24 +143,21 @@ def validate_by_fmpy(artefact: Artefact) -> list[str]:
 
 def simulate_by_fmpy(artefact: Artefact) -> np.ndarray:
     """Outputs by `fmpy.simulate_fmu`."""
-    experiment, outputs = EXPERIMENTS[artefact.model], outputs_of(artefact.model)
     result = fmpy.simulate_fmu(
         str(artefact.path),
-        fmi_type="CoSimulation",
-        stop_time=experiment.stop_s,
-        output_interval=experiment.step_s,
-        start_values=dict(experiment.inputs),
-        output=outputs,
+        stop_time=STOP_S,
+        output_interval=STEP_S,
+        start_values=dict(INPUTS),
+        output=OUTPUTS,
     )
-    return np.array([result[name] for name in outputs]).T[1:]
+    return np.array([result[name] for name in OUTPUTS]).T[1:]
 
 
 def simulate_in_process(importer: str) -> Callable[[Artefact], np.ndarray]:
     """Outputs by an importer of `tests.judge.importer`."""
 
     def judge(artefact: Artefact) -> np.ndarray:
-        command = [sys.executable, str(Path(__file__).with_name("importer.py")), importer]
-        said = run([*command, str(artefact.path), artefact.model])
+        said = run([sys.executable, "-m", "tests.judge.importer", importer, str(artefact.path)])
         return np.array(json.loads(said.splitlines()[-1]))
 
     return judge
@@ -177,16 +167,14 @@ def simulate_by_fmusim(program: Path) -> Callable[[Artefact], np.ndarray]:
     """Outputs by the fmusim of the Reference FMUs."""
 
     def judge(artefact: Artefact) -> np.ndarray:
-        experiment = EXPERIMENTS[artefact.model]
-        options = ["--interface-type", "cs", "--stop-time", str(experiment.stop_s)]
-        options += ["--output-interval", str(experiment.step_s)]
-        for name, value in experiment.inputs.items():
+        options = ["--interface-type", "cs", "--stop-time", str(STOP_S)]
+        options += ["--output-interval", str(STEP_S)]
+        for name, value in INPUTS.items():
             options += ["--start-value", name, repr(value)]
-        for name in outputs_of(artefact.model):
+        for name in OUTPUTS:
             options += ["--output-variable", name]
         return _from_file(
-            lambda out: [str(program), *options, "--output-file", out, str(artefact.path)],
-            artefact.model,
+            lambda out: [str(program), *options, "--output-file", out, str(artefact.path)]
         )
 
     return judge
@@ -196,16 +184,13 @@ def simulate_by_fmucheck(program: Path) -> Callable[[Artefact], np.ndarray]:
     """Outputs by the FMU Compliance Checker; raises ValueError with what it complains about."""
 
     def judge(artefact: Artefact) -> np.ndarray:
-        experiment = EXPERIMENTS[artefact.model]
         with tempfile.TemporaryDirectory() as folder:
             inputs = Path(folder) / "in.csv"
-            name = f"{FOLDER}/{artefact.model}_in.csv"
-            inputs.write_bytes(reference_files(artefact.model)[name])
-            options = ["-k", "cs", "-f", "-s", str(experiment.stop_s), "-i", str(inputs)]
-            options += ["-h", str(experiment.step_s), "-n", "0"]
-            return _from_file(
-                lambda out: [str(program), *options, "-o", out, str(artefact.path)], artefact.model
-            )
+            rows = [["time", *INPUTS], *([t, *INPUTS.values()] for t in (0.0, STOP_S))]
+            inputs.write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
+            options = ["-k", "cs", "-f", "-s", str(STOP_S), "-i", str(inputs)]
+            options += ["-h", str(STEP_S), "-n", "0"]
+            return _from_file(lambda out: [str(program), *options, "-o", out, str(artefact.path)])
 
     return judge
 
@@ -235,12 +220,12 @@ def run(command: Sequence[str]) -> str:
     return done.stdout
 
 
-def _from_file(command: Callable[[str], list[str]], model: Model) -> np.ndarray:
+def _from_file(command: Callable[[str], list[str]]) -> np.ndarray:
     """Outputs after every step from the CSV file that a tool writes."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out.csv"
         run(command(str(out)))
         with out.open(newline="") as file:
             header, *rows = csv.reader(file)
-    places = [[name.strip() for name in header].index(output) for output in outputs_of(model)]
+    places = [[name.strip() for name in header].index(output) for output in OUTPUTS]
     return np.array([[float(row[k]) for k in places] for row in rows[1:]])

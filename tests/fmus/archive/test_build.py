@@ -1,7 +1,6 @@
 """The archives: valid, complete, reproducible, for every platform."""
 
 import shutil
-import struct
 import subprocess
 import sys
 import tomllib
@@ -11,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
-import lxml.etree
 import pytest
-from fmpy.fmi2 import _FMU2
-from fmpy.fmi3 import _FMU3
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
 from cosim.model.params import TABLE_II, TIMING, describe
@@ -41,30 +39,15 @@ def test_variables_come_from_the_parameters(fmus):
             assert variables[name].description == quantity.description
         assert float(variables["step_size"].start or 0) == TIMING.dt_s
         units = {unit.name for unit in description.unitDefinitions}
-        assert all(v.unit in units for v in variables.values() if v.type in {"Real", "Float64"}
-                   and not v.name.startswith("z_"))  # fmt: skip
+        assert all(v.unit in units for v in variables.values() if v.type in {"Real", "Float64"})
 
 
 def test_archives_hold_what_a_user_looks_for(fmus):
-    for standard, path in fmus.items():
+    for path in fmus.values():
         with zipfile.ZipFile(path) as archive:
-            names = set(archive.namelist())
             page = archive.read("documentation/index.html").decode()
             assert archive.read("documentation/licenses/license.txt") == LICENSE.read_bytes()
         assert "<td>K_T</td>" in page and "$" not in page
-        if standard == 3:
-            assert {
-                "terminalsAndIcons/terminalsAndIcons.xml",
-                "terminalsAndIcons/icon.png",
-            } <= names
-            schema = Path(fmpy.__file__).parent / "schema" / "fmi3"
-            with zipfile.ZipFile(path) as archive:
-                content = archive.read("terminalsAndIcons/terminalsAndIcons.xml")
-            lxml.etree.XMLSchema(
-                lxml.etree.parse(str(schema / "fmi3TerminalsAndIcons.xsd"))
-            ).assertValid(lxml.etree.fromstring(content))
-        else:
-            assert "model.png" in names
 
 
 def test_model_descriptions_say_whose_work_they_describe(fmus):
@@ -81,14 +64,10 @@ def test_model_descriptions_say_whose_work_they_describe(fmus):
 def test_default_experiment_suits_importers(fmus, fmi):
     experiment: Any = fmpy.read_model_description(str(fmus[fmi])).defaultExperiment
     stop_s, step_s = float(experiment.stopTime), float(experiment.stepSize)
-    assert 0.0 < float(experiment.tolerance or 0.0) < 1e-3
     assert stop_s / step_s < 10_000  # importers write a row for each step
-    for fmi_type in ("CoSimulation", "ModelExchange"):
-        result = fmpy.simulate_fmu(
-            str(fmus[fmi]), fmi_type=fmi_type, start_values={"omega_des": 700}
-        )
-        assert result["time"][-1] == stop_s
-        assert 100 < len(result) < 10_000
+    result = fmpy.simulate_fmu(str(fmus[fmi]), start_values={"omega_des": 700})
+    assert result["time"][-1] == stop_s
+    assert 100 < len(result) < 10_000
 
 
 def test_time_is_a_variable_where_the_standard_wants_it(fmus):
@@ -157,7 +136,7 @@ def test_damaged_fmu_of_the_cache_is_built_again(fmu, monkeypatch, tmp_path, cap
         ("vibration_motor/variables.toml", 'description = "', 'description = "Another '),
         ("vibration_motor/variables.toml", "nominal = ", "nominal = 1"),
         ("vibration_motor/motor.h", "return", "return 2 *"),
-        ("fmi/plain.c", "return", "return 2 *"),
+        ("fmi/instance.h", "return", "return 2 *"),
         ("fmi/documentation.html", "<p>", "<p>Also "),
     ],
 )
@@ -177,18 +156,10 @@ def test_exports_are_the_two_standards_and_nothing_else(library):
         ["nm", "-D", "--defined-only", str(library)], capture_output=True, text=True, check=True
     ).stdout
     exported = {line.split()[-1] for line in listing.splitlines()}
-    promised = {n for n in dir(_FMU3) if n.startswith("fmi3")} | {
-        n for n in dir(_FMU2) if n.startswith("fmi2")
-    }
-    headers = compiler.fmi_headers()
-    for number in (2, 3):
-        text = (headers / f"fmi{number}Functions.h").read_text()
-        promised |= {
-            line.split()[1] for line in text.splitlines() if line.startswith(f"#define fmi{number}")
-            and "FullName(fmi" in line
-        }  # fmt: skip
+    promised = {n for n in dir(FMU3Slave) if n.startswith("fmi3")}
+    promised |= {n for n in dir(FMU2Slave) if n.startswith("fmi2")}
     assert exported == promised
-    assert len(exported) == 75 + 44
+    assert len(exported) == 75 + 34
 
 
 @pytest.mark.long
@@ -227,6 +198,7 @@ def test_other_platforms_are_built_here(tmp_path):
     [
         (["x86_64-linux", "aarch64-linux"], ["linux64", "aarch64-linux"]),
         (["x86_64-windows", "aarch64-windows"], ["win64", "aarch64-windows"]),
+        (["x86_64-darwin", "aarch64-darwin"], ["darwin64", "aarch64-darwin"]),
         (["aarch64-linux", "aarch64-windows"], ["linux64", "win64"]),
     ],
 )
@@ -268,15 +240,9 @@ def check_libraries(paths: list[Path], targets: list[str]) -> None:
             content = archive.read(f"binaries/{target}/VibrationMotor{suffix}")
             assert content.startswith(SHARED_LIBRARY[suffix])
     with zipfile.ZipFile(paths[0]) as archive:
-        assert archive.read("binaries/linux64/VibrationMotor.so").startswith(b"\x7fELF")
-        universal = archive.read("binaries/darwin64/VibrationMotor.dylib")
-    magic, count = struct.unpack_from(">II", universal)
-    assert (magic, count) == (0xCAFEBABE, 2)
-    for k in range(count):
-        cpu, _, offset, size, align = struct.unpack_from(">IIIII", universal, 8 + 20 * k)
-        magic, own_cpu = struct.unpack_from("<II", universal, offset)
-        assert (magic, own_cpu, offset % (1 << align)) == (0xFEEDFACF, cpu, 0)
-        assert offset + size <= len(universal)
+        for place in ("linux64/VibrationMotor.so", "darwin64/VibrationMotor.dylib"):
+            content = archive.read(f"binaries/{place}")
+            assert content.startswith(SHARED_LIBRARY[Path(place).suffix])
 
 
 @pytest.mark.long
@@ -288,15 +254,13 @@ def test_command_writes_the_named_files(command, tmp_path):
         "VibrationMotor_fmi2.fmu",
         "VibrationMotor_fmi3.fmu",
         "VibrationMotors_fmi3.fmu",
-        "MiniRobot_fmi2.fmu",
-        "MiniRobot_fmi3.fmu",
     }
     assert all(str(path) in run.stdout for path in tmp_path.iterdir())
     assert command("fmu", "--out", tmp_path / "every").returncode == 0
-    every = {"VibrationMotor.fmu", "VibrationMotors.fmu", "MiniRobot.fmu"}
+    every = {"VibrationMotor.fmu", "VibrationMotors.fmu"}
     assert {p.name for p in (tmp_path / "every").iterdir()} == every
-    assert command("fmu", "robot", "motor", "--out", tmp_path / "two").returncode == 0
-    assert {p.name for p in (tmp_path / "two").iterdir()} == every - {"VibrationMotors.fmu"}
+    assert command("fmu", "motor", "--out", tmp_path / "one").returncode == 0
+    assert {p.name for p in (tmp_path / "one").iterdir()} == {"VibrationMotor.fmu"}
 
 
 def test_command_builds_the_model_that_is_asked_for(command, tmp_path):
@@ -308,14 +272,10 @@ def test_command_builds_the_model_that_is_asked_for(command, tmp_path):
     assert "use --fmi 3" in refused.stderr
 
 
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [(("robot", "--model", "VibrationMotor"), "--model"), (("ssp", "--fmi", "2"), "--fmi")],
-)
-def test_options_without_effect_are_refused(command, tmp_path, arguments, word):
-    refused = command("fmu", *arguments, "--out", tmp_path)
+def test_options_without_effect_are_refused(command, tmp_path):
+    refused = command("fmu", "motors", "--model", "VibrationMotor", "--out", tmp_path)
     assert refused.returncode == 2
-    assert f"{word} has no effect" in refused.stderr
+    assert "--model has no effect" in refused.stderr
     assert not list(tmp_path.iterdir())
 
 

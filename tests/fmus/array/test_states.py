@@ -36,8 +36,8 @@ def test_damaged_states_are_refused(array):
 TOKEN = 39
 FIELDS = {
     "time": (0, "=d", (np.nan, np.inf)), "owed": (8, "=d", (np.nan, 1.1e-11)),
-    "stop_time": (16, "=d", (np.nan, -np.inf)), "life_cycle": (24, "=i", (0, 3, 8, 128)),
-    "model_exchange": (28, "=i", (1,)), "step_size": (32, "=d", (0.0, 1.0, np.nan)),
+    "stop_time": (16, "=d", (np.nan, -np.inf)), "life_cycle": (24, "=q", (0, 3, 32, 128)),
+    "step_size": (32, "=d", (0.0, 1.0, np.nan)),
     "n": (40, "=Q", (0, 1, 2, 4, MOST + 1, 2**64 - 1)), "closed_loop": (48, "=q", (2, -1)),
     "samples": (56, "=Q", (0, MOST + 1, 2**64 - 1)),
     "omega_des of motor 2": (72, "=d", (np.nan, np.inf)),

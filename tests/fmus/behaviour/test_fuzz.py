@@ -19,17 +19,10 @@ values = st.one_of(st.sampled_from(SPECIAL), st.floats(-1e4, 1e4), st.floats(1e-
 references = st.one_of(st.integers(0, 45), st.sampled_from([2**31, 2**32 - 1]))
 lists = st.lists(references, max_size=6)
 PLAIN = {
-    2: ["ExitInitializationMode", "Terminate", "Reset", "EnterEventMode", "EnterInitializationMode",
-        "EnterContinuousTimeMode", "CancelStep"],
+    2: ["ExitInitializationMode", "Terminate", "Reset", "EnterInitializationMode", "CancelStep"],
     3: ["ExitInitializationMode", "Terminate", "Reset", "EnterEventMode", "EnterStepMode",
         "EnterContinuousTimeMode", "EnterConfigurationMode", "ExitConfigurationMode",
         "EvaluateDiscreteStates"],
-}  # fmt: skip
-ARRAYS = {
-    2: ["GetContinuousStates", "SetContinuousStates", "GetDerivatives", "GetEventIndicators",
-        "GetNominalsOfContinuousStates"],
-    3: ["GetContinuousStates", "SetContinuousStates", "GetContinuousStateDerivatives",
-        "GetEventIndicators", "GetNominalsOfContinuousStates"],
 }  # fmt: skip
 
 
@@ -37,15 +30,13 @@ def machine(instance) -> type[RuleBasedStateMachine]:
     """State machine that drives instances made by the fixture of that name."""
 
     class Importer(RuleBasedStateMachine):
-        @initialize(fmi=st.sampled_from([2, 3]), exchange=st.booleans(), ahead=st.integers(0, 3))
-        def make(self, fmi, exchange, ahead):
+        @initialize(fmi=st.sampled_from([2, 3]), started=st.booleans())
+        def make(self, fmi, started):
             self.fmi = fmi
-            self.motor = instance(fmi, exchange)
+            self.motor = instance(fmi)
             # Most of what can go wrong is beyond the start of the life cycle.
-            if ahead:
+            if started:
                 self.motor.start(omega_des=700.0)
-            if ahead > 1:
-                self.motor.call("EnterContinuousTimeMode")
 
         def teardown(self):
             self.motor.free()
@@ -113,51 +104,6 @@ def machine(instance) -> type[RuleBasedStateMachine]:
             room = (ctypes.c_double * 2)()
             status = self.motor.get_status(self.motor.references("step_size", "time"), room)
             return (room[0], room[1]) if status == OK else (1e-5, 0.0)
-
-        @rule(name=st.integers(0, 4), count=st.integers(0, 4), content=values, null=st.booleans())
-        def array(self, name, count, content, null):
-            room = None if null else (ctypes.c_double * count)(*[content] * count)
-            names = ARRAYS[self.fmi]
-            self.judge(lambda: self.motor.call(names[name], room, ctypes.c_size_t(count)))
-
-        @rule(time_s=values)
-        def set_time(self, time_s):
-            self.judge(lambda: self.motor.call("SetTime", time_s))
-
-        @rule()
-        def update(self):
-            if self.fmi == 3:
-                room = (ctypes.c_double * 6)()
-                pointers = [ctypes.byref(room, 8 * k) for k in range(6)]
-                self.judge(lambda: self.motor.call("UpdateDiscreteStates", *pointers))
-            else:
-                room = (ctypes.c_double * 8)()
-                self.judge(lambda: self.motor.call("NewDiscreteStates", room))
-
-        @rule(unknowns=lists, knowns=lists, adjoint=st.booleans())
-        def derivative(self, unknowns, knowns, adjoint):
-            size = ctypes.c_size_t
-            u, k = (
-                (ctypes.c_uint32 * len(unknowns))(*unknowns),
-                (ctypes.c_uint32 * len(knowns))(*knowns),
-            )
-            nu, nk = size(len(unknowns)), size(len(knowns))
-            seed, out = (ctypes.c_double * 6)(*[1.0] * 6), (ctypes.c_double * 6)()
-            if self.fmi == 2:
-                arguments = ("GetDirectionalDerivative", u, nu, k, nk, seed, out)
-            elif adjoint:
-                arguments = ("GetAdjointDerivative", u, nu, k, nk, seed, nu, out, nk)
-            else:
-                arguments = ("GetDirectionalDerivative", u, nu, k, nk, seed, nk, out, nu)
-            self.judge(lambda: self.motor.call(*arguments))
-
-        @rule(wanted=lists, order=st.integers(-1, 2))
-        def output_derivative(self, wanted, order):
-            n, count = len(wanted), ctypes.c_size_t(len(wanted))
-            arguments = [(ctypes.c_uint32 * n)(*wanted), count, (ctypes.c_int32 * n)(*[order] * n)]
-            arguments += [(ctypes.c_double * n)()] + ([count] if self.fmi == 3 else [])
-            name = "GetOutputDerivatives" if self.fmi == 3 else "GetRealOutputDerivatives"
-            self.judge(lambda: self.motor.call(name, *arguments))
 
         @rule(
             at=st.integers(0, 400),

@@ -1,11 +1,10 @@
-"""Refusals, rollback and derivatives, by bare C calls of both standards."""
+"""Refusals and rollback, by bare C calls of both standards."""
 
 import ctypes
 
-import numpy as np
 import pytest
-from fmpy.fmi2 import _FMU2
-from fmpy.fmi3 import _FMU3
+from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+from fmpy.fmi3 import FMU3Slave
 
 from cosim.model.params import TABLE_II
 from fmus.variables import load_table
@@ -65,9 +64,8 @@ def test_values_out_of_range_are_refused_by_name(instance, fmi, name, value, wor
 
 
 @pytest.mark.parametrize("last", [999, "omega", "theta"])
-@pytest.mark.parametrize("model_exchange", [False, True])
-def test_a_refused_call_sets_none_of_its_variables(instance, fmi, model_exchange, last):
-    motor = instance(fmi, model_exchange)
+def test_a_refused_call_sets_none_of_its_variables(instance, fmi, last):
+    motor = instance(fmi)
     for begin in (lambda: None, motor.enter_initialization):
         begin()
         assert motor.refuses_whole(last, closed_loop=False)
@@ -113,12 +111,6 @@ def test_calls_in_the_wrong_state_are_refused(instance, fmi):
     motor.start()
 
 
-def test_model_exchange_and_cosimulation_do_not_mix(instance, fmi):
-    refused(motor := instance(fmi, True).start(), motor.do_step(0.0, STEP_S), "Event Mode")
-    other = instance(fmi)
-    refused(other, other.load(motor.save()), "Model Exchange")
-
-
 def test_an_explosion_is_refused_and_undone(instance, fmi):
     motor = instance(fmi).start(step_size=1e-2, J=1e-15, K_p=1e6, V_s_max=1e300)
     motor.set(omega_des=700.0)
@@ -137,24 +129,34 @@ def test_a_speed_whose_derivative_overflows_is_refused(instance, fmi):
     assert motor.do_step(0.0, STEP_S) == OK
 
 
+def test_model_exchange_is_refused_in_fmi_2(library, token):
+    messages: list[bytes] = []
+    log = fmi2CallbackLoggerTYPE(lambda *a: messages.append(a[4]))
+    functions, text = fmi2CallbackFunctions(logger=log), token.encode()
+    make = ctypes.CDLL(str(library)).fmi2Instantiate
+    assert not make(b"name", 0, text, b"", ctypes.byref(functions), 0, 1)
+    assert b"does not offer Model Exchange" in messages[0]
+
+
 def test_a_model_description_of_another_build_is_refused(instance, fmi):
     motor = instance(fmi, token="{100%}")
     assert not motor.handle
     assert ("{100%}" if fmi == 3 else "{100%%}") in motor.messages[-1]
 
 
-@pytest.mark.parametrize("model_exchange", [False, True])
 @pytest.mark.parametrize("name", [None, b"", b" ", b" \t\r\n"])
-def test_a_blank_instance_name_is_refused(instance, fmi, model_exchange, name):
-    motor = instance(fmi, model_exchange, name=name)
+def test_a_blank_instance_name_is_refused(instance, fmi, name):
+    motor = instance(fmi, name=name)
     assert not motor.handle
     assert "instance name is blank" in motor.messages[-1]
-    assert instance(fmi, model_exchange, name=b" a").handle
+    assert instance(fmi, name=b" a").handle
 
 
 def test_no_instance_is_an_error_and_no_crash(library):
     functions = ctypes.CDLL(str(library))
-    names = {n for c, p in ((_FMU3, "fmi3"), (_FMU2, "fmi2")) for n in dir(c) if n.startswith(p)}
+    names = {
+        n for c, p in ((FMU3Slave, "fmi3"), (FMU2Slave, "fmi2")) for n in dir(c) if n.startswith(p)
+    }
     checked = 0
     for name in sorted(names):
         if "Instantiate" in name or name.endswith(("GetVersion", "GetTypesPlatform")):
@@ -186,134 +188,6 @@ def test_a_state_moves_to_another_instance(instance, fmi):
     for motor in (first, second):
         assert motor.do_step(0.1, 0.1) == OK
     assert first.save() == second.save()
-
-
-UNKNOWNS = ("theta", "omega", "omega_dot", "V_s", "i", "u", "der(theta)", "der(integral)")
-STATES = ("theta", "omega", "integral")
-KNOWNS = ("omega_des", "d", "omega_noise", "V_in", *STATES)
-
-
-def directional(motor, unknowns, knowns, seed) -> list[float]:
-    u, k = motor.references(*unknowns), motor.references(*knowns)
-    size, out = ctypes.c_size_t, (ctypes.c_double * len(u))()
-    arguments = [(ctypes.c_uint32 * len(u))(*u), size(len(u)), (ctypes.c_uint32 * len(k))(*k)]
-    arguments += [size(len(k)), (ctypes.c_double * len(k))(*seed)]
-    lengths = [size(len(k))] if motor.fmi == 3 else []
-    tail = [size(len(u))] if motor.fmi == 3 else []
-    assert motor.call("GetDirectionalDerivative", *arguments, *lengths, out, *tail) == OK
-    return list(out)
-
-
-def adjoint(motor, unknowns, knowns, seed) -> list[float]:
-    u, k = motor.references(*unknowns), motor.references(*knowns)
-    size, out = ctypes.c_size_t, (ctypes.c_double * len(k))()
-    arguments = [(ctypes.c_uint32 * len(u))(*u), size(len(u)), (ctypes.c_uint32 * len(k))(*k)]
-    arguments += [size(len(k)), (ctypes.c_double * len(u))(*seed), size(len(u)), out, size(len(k))]
-    assert motor.call("GetAdjointDerivative", *arguments) == OK
-    return list(out)
-
-
-def jacobian(motor, unknowns, knowns) -> np.ndarray:
-    columns = [directional(motor, unknowns, knowns, row) for row in np.eye(len(knowns))]
-    return np.array(columns).T
-
-
-def set_states(motor, states) -> None:
-    assert (
-        motor.call("SetContinuousStates", (ctypes.c_double * 3)(*states), ctypes.c_size_t(3)) == 0
-    )
-
-
-OPERATING_POINTS = [
-    (True, (0.3, 650.0, 20.0), 700.0, 0.1),  # within the limits
-    (True, (2.0, -300.0, 5.0), 700.0, 0.0),  # beyond the limit
-    (False, (4.0, 120.0, 0.0), 0.0, 0.9),
-    (False, (0.1, 0.0, 0.0), 0.0, 0.1),  # sticking
-]
-
-
-@pytest.mark.parametrize(("closed_loop", "states", "omega_des", "v_in"), OPERATING_POINTS)
-def test_derivatives_are_those_of_finite_differences(
-    instance, fmi, closed_loop, states, omega_des, v_in
-):
-    motor = instance(fmi, True).start(closed_loop=closed_loop, omega_des=omega_des, V_in=v_in)
-    assert motor.call("EnterContinuousTimeMode") == OK
-    set_states(motor, states)
-    assert motor.call("EnterEventMode") == OK
-    motor.update_discrete_states()
-    assert motor.call("EnterContinuousTimeMode") == OK
-    exact = jacobian(motor, UNKNOWNS, KNOWNS)
-    scale = {"d": 1e-7, "theta": 1e-4, "V_in": 1e-4}
-    for column, known in enumerate(KNOWNS):
-        h, values = scale.get(known, 1e-2), []
-        for sign in (1, -1):
-            if known in STATES:
-                moved = list(states)
-                moved[STATES.index(known)] += sign * h
-                set_states(motor, moved)
-                values.append(motor.get(*UNKNOWNS))
-                set_states(motor, states)
-            else:
-                (value,) = motor.get(known)
-                motor.set(**{known: value + sign * h})
-                values.append(motor.get(*UNKNOWNS))
-                motor.set(**{known: value})
-        differences = (np.array(values[0]) - values[1]) / (2 * h)
-        # Central differences: errors of h² and of rounding, both far below 1e-6 of the largest.
-        assert exact[:, column] == pytest.approx(differences, rel=1e-6, abs=1e-6)
-
-
-def test_derivatives_by_parameters_at_the_start(instance, fmi):
-    names = ("m", "r", "K_T", "J", "R", "b", "c", "g", "K_p", "K_i", "V_s_max")
-    start = {"omega_start": 400.0, "theta_start": 1.0, "omega_des": 500.0}
-    motor = instance(fmi)
-    motor.set(**start)
-    motor.enter_initialization()
-    exact = jacobian(motor, UNKNOWNS, names)
-    for column, name in enumerate(names):
-        (value,) = motor.get(name)
-        h, values = 1e-5 * value, []
-        for sign in (1, -1):
-            motor.set(**{name: value + sign * h})
-            values.append(motor.get(*UNKNOWNS))
-        motor.set(**{name: value})
-        differences = (np.array(values[0]) - values[1]) / (2 * h)
-        assert exact[:, column] == pytest.approx(differences, rel=1e-6, abs=1e-6 * abs(1 / value))
-    assert directional(motor, ["theta", "omega"], ["omega_start"], [1.0]) == [0.0, 1.0]
-
-
-def test_adjoint_is_the_transpose(instance):
-    motor = instance(3).start(omega_des=700.0, omega_start=600.0)
-    forward = jacobian(motor, UNKNOWNS, KNOWNS)
-    backward = np.array([adjoint(motor, UNKNOWNS, KNOWNS, row) for row in np.eye(len(UNKNOWNS))])
-    assert (forward == backward).all()
-    assert forward.any()
-
-
-def test_derivatives_of_constants_are_refused(instance):
-    motor = instance(3).start()
-    size, room = ctypes.c_size_t(1), (ctypes.c_double * 1)()
-    for unknown, known in (("omega", "J"), ("J", "omega"), ("omega", "closed_loop")):
-        u, k = ((ctypes.c_uint32 * 1)(*motor.references(n)) for n in (unknown, known))
-        status = motor.call("GetDirectionalDerivative", u, size, k, size, room, size, room, size)
-        refused(motor, status, known if unknown == "omega" else unknown)
-
-
-def test_output_derivatives_are_the_slopes(instance, fmi):
-    motor = instance(fmi).start(omega_des=700.0, step_size=1e-6, solver=2)
-    assert motor.do_step(0.0, 0.1) == OK
-    names = ("theta", "omega", "omega_dot", "V_s", "i")
-    before, room = motor.get(*names), (ctypes.c_double * 5)()
-    name = "GetOutputDerivatives" if fmi == 3 else "GetRealOutputDerivatives"
-    references, size = (ctypes.c_uint32 * 5)(*motor.references(*names)), ctypes.c_size_t(5)
-    tail = [size] if fmi == 3 else []
-    orders = (ctypes.c_int32 * 5)(*[1] * 5)
-    assert motor.call(name, references, size, orders, room, *tail) == OK
-    assert motor.do_step(0.1, 1e-6) == OK
-    slopes = (np.array(motor.get(*names)) - before) / 1e-6
-    assert list(room) == pytest.approx(slopes, rel=1e-2)
-    refused(motor, motor.call(name, references, size, (ctypes.c_int32 * 5)(*[2] * 5), room, *tail),
-            "order 2")  # fmt: skip
 
 
 def test_defaults_are_those_of_the_paper(instance, fmi):

@@ -16,10 +16,9 @@ def provoke(motor) -> int:
     return len(motor.messages) - before
 
 
-@pytest.mark.parametrize("model_exchange", [False, True])
-def test_logging_is_as_instantiated(instance, fmi, model_exchange):
-    assert provoke(instance(fmi, model_exchange, logging=True)) == 1
-    assert provoke(instance(fmi, model_exchange, logging=False)) == 0
+def test_logging_is_as_instantiated(instance, fmi):
+    assert provoke(instance(fmi, logging=True)) == 1
+    assert provoke(instance(fmi, logging=False)) == 0
 
 
 def test_logging_is_switched_on_and_off(instance, fmi):
@@ -52,10 +51,11 @@ def test_a_refused_instantiation_is_logged_if_wanted(instance, fmi, logging):
 
 
 @pytest.mark.parametrize("logging", [False, True])
-def test_what_is_not_offered_is_logged_if_wanted(library, token, logging):
+@pytest.mark.parametrize("interface", ["ModelExchange", "ScheduledExecution"])
+def test_what_is_not_offered_is_logged_if_wanted(library, token, interface, logging):
     messages: list[bytes] = []
     log = fmi3LogMessageCallback(lambda *a: messages.append(a[3]))
-    make = ctypes.CDLL(str(library)).fmi3InstantiateScheduledExecution
+    make = getattr(ctypes.CDLL(str(library)), f"fmi3Instantiate{interface}")
     none = ctypes.c_void_p()
     flags = [ctypes.c_bool(False), ctypes.c_bool(logging)]
     assert not make(b"name", token.encode(), b"", *flags, none, log, none, none, none)

@@ -1,1 +1,0 @@
-"""Sources of the robot FMU; `fmus.build` compiles them."""

@@ -1,1 +1,0 @@
-"""Systems of the project's FMUs for other tools: System Structure and Parameterization (SSP)."""
