@@ -1,6 +1,5 @@
 """What a foreign FMU does to its process ends a command in one line, and nothing is lost."""
 
-import contextlib
 import gc
 import json
 import os
@@ -15,20 +14,15 @@ import numpy as np
 import pytest
 
 from cosim.coupling.master import NotFiniteError
-from cosim.fmi.fmu import FmuError
 from cosim.fmi.isolation import Isolation, same_folder
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.simulation.cosimulation import CoSimulation
 from cosim.simulation.options import SimulationOptions
-from cosim.system.graph import Component
-from cosim.system.system import System
 from fmus.compiler import FLAGS, compiler_command, fmi_headers, host_target
 from minirobots.commands.run import Run
-from minirobots.commands.system import SimulateSystem
 from minirobots.runner import _fixed
-from tests.faults.killing import without_progress
 
 SCENARIO = """
 columns = 8
@@ -36,19 +30,6 @@ rows = 8
 [[robots]]
 target = [1, 6]
 starts = [[6, 1]]
-"""
-
-
-SYSTEM = """<?xml version="1.0"?>
-<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
-    version="1.0" name="one">
-  <ssd:System name="one">
-    <ssd:Elements>
-      <ssd:Component name="motor" type="application/x-fmu-sharedlibrary"
-          source="resources/Faulty.fmu"/>
-    </ssd:Elements>
-  </ssd:System>
-</ssd:SystemStructureDescription>
 """
 
 
@@ -172,66 +153,6 @@ def test_what_never_returns_is_ended(drive):
     assert "did not return from the RL step from 2 s of simulated time within 2 s" in ended.stderr
 
 
-@pytest.mark.parametrize(
-    ("fault", "limit_s", "words"),
-    [
-        ("crash", 300, "an FMU of one.ssp crashed (SIGSEGV) in what begins at"),
-        pytest.param(*("hang", 4, "an FMU of one.ssp did not return from"), marks=pytest.mark.long),
-    ],
-)
-def test_a_system_of_faulty_fmus_ends_in_a_sentence(fault, limit_s, words, faulty_fmu, tmp_path):
-    with zipfile.ZipFile(tmp_path / "one.ssp", "w") as archive:
-        archive.write(faulty_fmu, "resources/Faulty.fmu")
-        archive.writestr("SystemStructure.ssd", SYSTEM)
-    command = [sys.executable, "-m", "minirobots", "system", tmp_path / "one.ssp", "--until", "3"]
-    command += ["--isolate-limit", str(limit_s)]
-    environment = os.environ | {"FAULT": fault, "FAULT_FROM": "2.5"}
-    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert ended.returncode == 2
-    (sentence,) = without_progress(ended.stderr).splitlines()
-    assert words in sentence
-
-
-@pytest.fixture
-def simulate(faulty_fmu, tmp_path):
-    """Runs the system command with the faulty FMU."""
-
-    def run(fault: str, *options: object, fault_from: float = 0.0) -> subprocess.CompletedProcess:
-        with zipfile.ZipFile(tmp_path / "one.ssp", "w") as archive:
-            archive.write(faulty_fmu, "resources/Faulty.fmu")
-            archive.writestr("SystemStructure.ssd", SYSTEM)
-        command = [sys.executable, "-m", "minirobots", "system", "one.ssp", "--until", "1"]
-        command += map(str, options)
-        environment = os.environ | {"FAULT": fault, "FAULT_FROM": str(fault_from)}
-        return subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True,
-            text=True, check=False,
-        )  # fmt: skip
-
-    return run
-
-
-@pytest.mark.faults
-@pytest.mark.parametrize("fault", ["late", "later"])
-def test_what_an_fmu_does_after_its_error_does_not_hide_it(simulate, fault):
-    ended = simulate(fault, fault_from=0.5)
-    assert ended.returncode == 2
-    (sentence,) = without_progress(ended.stderr).splitlines()
-    assert "Faulty.fmu, instance motor, at 0.50000 s failed (fmi3Status " in sentence
-    assert "the gear has broken" in sentence
-
-
-@pytest.mark.faults
-@pytest.mark.parametrize(
-    ("fault", "options"), [("end", ()), ("unload", ()), ("linger", ("--isolate-limit", 3))]
-)
-def test_results_that_are_whole_are_kept(simulate, tmp_path, fault, options):
-    ended = simulate(fault, *options, "--out", "run.csv")
-    assert ended.returncode == 0, ended.stderr
-    assert "1 components at 1 s, after 1000 steps" in ended.stdout
-    assert len((tmp_path / "run.csv").read_text().splitlines()) == 1002
-
-
 @pytest.mark.faults
 @pytest.mark.parametrize("fault", ["end", "unload"])
 def test_results_of_episodes_are_complete_before_instances_are_freed(drive, fault):
@@ -247,29 +168,6 @@ def test_paths_are_absolute_where_foreign_code_runs(monkeypatch, tmp_path):
     fixed = _fixed(options)
     assert fixed.folder == options.folder.absolute() == fixed.out
     assert fixed.physics.motor_fmu == tmp_path / "motor.fmu"
-    assert _fixed(SimulateSystem(file=Path("a.ssp"), out=Path("a.csv"))).out == tmp_path / "a.csv"
-
-
-@pytest.mark.faults
-def test_results_are_where_they_were_asked_for(simulate, tmp_path):
-    ended = simulate("chdir", "--out", "run.csv")
-    assert ended.returncode == 0, ended.stderr
-    assert (tmp_path / "run.csv").is_file()
-
-
-def test_fmus_change_neither_folder_nor_arithmetic(faulty_fmu, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    components = [Component("motor", faulty_fmu)]
-    monkeypatch.setenv("FAULT_FROM", "0.002")
-    for fault in ("chdir", "round"):
-        monkeypatch.setenv("FAULT", fault)
-        with System(components) as system:
-            system.run(0.002)
-            changed = pytest.raises(FmuError, match=r"an FMU changed the rounding .* at 0.002 s")
-            with changed if fault == "round" else contextlib.nullcontext():
-                system.run(0.004)
-        assert Path.cwd() == tmp_path
-        assert 1.0 + 2.0**-54 * float(len(fault)) / 8.0 == 1.0
 
 
 def test_a_call_without_an_end_does_not_hold_the_folder(monkeypatch, tmp_path):
@@ -283,16 +181,6 @@ def test_a_call_without_an_end_does_not_hold_the_folder(monkeypatch, tmp_path):
     del interrupted
     gc.collect()
     assert Path.cwd() == tmp_path
-
-
-def test_nan_is_named_with_component_variable_and_time(faulty_fmu, monkeypatch):
-    monkeypatch.setenv("FAULT", "nan")
-    monkeypatch.setenv("FAULT_FROM", "0.002")
-    with (
-        System([Component("motor", faulty_fmu)]) as system,
-        pytest.raises(FmuError, match=r"instance motor, at 0.00300 s puts out nan \(omega\)"),
-    ):
-        system.run(1.0)
 
 
 @pytest.mark.faults
