@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from agent.training.policy import Policy
     from analysis import open  # noqa: A004 - to be called as minirobots.open
     from cosim import Episode, Scenario, UserError, World, simulate
-    from cosim.system.env import SystemEnv, SystemVectorEnv
 
     __version__: str
 
@@ -27,8 +26,6 @@ __all__ = [
     "Episode",
     "Policy",
     "Scenario",
-    "SystemEnv",
-    "SystemVectorEnv",
     "UserError",
     "World",
     "__version__",
@@ -46,8 +43,6 @@ _MODULES = {
     "Episode": "cosim",
     "Policy": "agent",
     "Scenario": "cosim",
-    "SystemEnv": "cosim.system.env",
-    "SystemVectorEnv": "cosim.system.env",
     "UserError": "cosim",
     "World": "cosim",
     "certify": "agent.certification.certify",

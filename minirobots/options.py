@@ -23,7 +23,6 @@ from cosim.base.command import Jobs as JobCount
 from cosim.base.command import Json, require_at_least, workers
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
-from cosim.fmi.isolation import Isolation
 from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import SimulationOptions
 
@@ -112,11 +111,11 @@ class CommandOptions(_Declared):
         """Return the options by name, as arguments of a function.
 
         Args:
-            without: names that are left out, as those of `json`, `isolation` and `physics` are.
+            without: names that are left out, as those of `json`, `isolate` and `physics` are.
             others: names that are replaced or added.
         """
         names = {option.name for option in fields(self)}
-        names -= {"json", "isolation", "physics", *without}
+        names -= {"json", "isolate", "physics", *without}
         return {name: getattr(self, name) for name in names} | others
 
     def interrupted(self) -> str:
@@ -140,11 +139,13 @@ def _checks(kind: Any) -> Iterator[Check]:
 class IsolatedOptions(CommandOptions):
     """Options of a command that loads FMUs, which may be foreign ones."""
 
-    isolation: Annotated[Isolation, tyro.conf.OmitArgPrefixes] = field(default_factory=Isolation)
+    isolate: bool = False
+    """Run in a process of its own, so that an FMU that crashes ends the command with an error that
+    names it. Use it for FMUs that you do not know well."""
 
     @property
     def foreign(self) -> Path | None:
-        """FMU that is not built in, or archive of such, if any."""
+        """FMU that is not built in, if any."""
         options: Any = getattr(self, "physics", self)
         return options.motor_fmu
 

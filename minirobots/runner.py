@@ -3,7 +3,6 @@
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -12,8 +11,8 @@ from typing import Any
 from cosim.base.command import parse, print_json
 from cosim.base.errors import run_command
 from cosim.base.progress import Progress, progress_bars
-from cosim.fmi.isolation import isolated
-from minirobots.options import CommandOptions, IsolatedOptions, NewFolder
+from cosim.fmi.isolation import isolate
+from minirobots.options import CommandOptions, IsolatedOptions
 
 FAILED_STATUS = 1
 
@@ -52,10 +51,8 @@ def execute(name: str) -> None:
         if not end.code and (examples := _examples(name)):  # after --help
             print("\nexamples:", *examples, sep="\n  ")
         raise
-    if isinstance(options, IsolatedOptions):
-        options.isolation.enter(f"minirobots {name}", options.foreign)
-        if isolated():
-            options = _fixed(options)
+    if isinstance(options, IsolatedOptions) and options.isolate:
+        isolate(f"minirobots {name}", options.foreign)
     try:
         with progress_bars() as progress:
             result = next(printing := begin(command, options, progress))
@@ -83,20 +80,6 @@ def _printed(result: dict[str, Any]) -> Iterator[Any]:
     for name, value in result.items():
         words = ", ".join(map(str, value)) if isinstance(value, list) else value
         print(f"{name.replace('_', ' ')}: {words}")
-
-
-def _fixed(options: Any) -> Any:
-    """Return options with absolute paths: an FMU may change the working directory."""
-    if isinstance(options, NewFolder):
-        options = replace(options, out=options.folder)
-    fixed = {}
-    for field in fields(options):
-        value = getattr(options, field.name)
-        if isinstance(value, Path):
-            fixed[field.name] = value.absolute()
-        elif is_dataclass(value):
-            fixed[field.name] = _fixed(value)
-    return replace(options, **fixed)
 
 
 def _examples(name: str) -> list[str]:

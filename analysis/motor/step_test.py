@@ -17,7 +17,6 @@ from analysis.motor.loop_options import StepTest
 from analysis.reading.motor_test import LOOPS, SIGNALS, MotorTestError, Response
 from cosim.base.arguments import require_one_of
 from cosim.coupling.fmu import MotorFmu
-from cosim.fmi.isolation import calling
 from cosim.recording.blueprint import plain_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 
@@ -57,11 +56,10 @@ def _simulate(motor: MotorFmu, test: StepTest, loop: str) -> Response:
     with running(motor, closed_loop=loop == "closed_loop", **start) as (fmu, reference):
         wanted = [reference[name] for name in ("omega", "V_s", "i")]
         for k in range(count + 1):
-            with calling(f"what begins at {k * SAMPLE_S:g} s of the {loop.replace('_', ' ')} test"):
-                fmu.setFloat64([reference["d"]], [disturbance[k]])
-                rows[k] = fmu.getFloat64(wanted)
-                if k < count:
-                    fmu.doStep(k * SAMPLE_S, SAMPLE_S)
+            fmu.setFloat64([reference["d"]], [disturbance[k]])
+            rows[k] = fmu.getFloat64(wanted)
+            if k < count:
+                fmu.doStep(k * SAMPLE_S, SAMPLE_S)
     set_point = np.full(count + 1, test.omega_des)
     omega, voltage, current = rows.T
     time_s = np.arange(count + 1) * SAMPLE_S

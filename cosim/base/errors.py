@@ -39,9 +39,6 @@ _HIDDEN = re.compile(
 )
 _COLOUR = re.compile(r"(\x1b\[[\d;]*m)")
 
-# Called once with the exit status when a command has ended and printed its results or its error.
-at_end: list[Callable[[int], None]] = []
-
 
 class Terminated(KeyboardInterrupt):
     """SIGTERM, which ends a command as Ctrl-C does."""
@@ -121,16 +118,7 @@ def run_command(main: Callable[[], None]) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     out, err = (cast(TextIO, _Visible(stream)) for stream in (sys.stdout, sys.stderr))
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        status = 1
-        try:
-            _run(main)
-            status = 0
-        except SystemExit as leaving:
-            status = leaving.code if isinstance(leaving.code, int) else int(bool(leaving.code))
-            raise
-        finally:
-            while at_end:
-                at_end.pop(0)(status)
+        _run(main)
 
 
 def _run(main: Callable[[], None]) -> None:

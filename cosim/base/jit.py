@@ -95,10 +95,11 @@ def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:
 
     Args:
         function: to compile.
-        kept: whether its machine code is kept on disk.
+        kept: whether its machine code is kept on disk, and references to arrays are counted.
         options: for numba.
     """
-    dispatcher: Any = numba.njit(error_model="numpy", nogil=True, **cast(Any, options))(function)
+    options |= {"nogil": True, "_nrt": kept}
+    dispatcher: Any = numba.njit(error_model="numpy", **cast(Any, options))(function)
     compile_one = dispatcher.compile
 
     def compile_once(signature: tuple) -> Any:
@@ -117,7 +118,7 @@ def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:
             entry = compile_one(arguments)
         model, caller = dispatcher.targetctx.data_model_manager, ConfigStack.top_or_none()
         result = dispatcher.overloads[arguments].signature.return_type
-        counted = options["_nrt"] and (caller is None or caller.nrt)  # here, and where it is called
+        counted = kept and (caller is None or caller.nrt)  # here, and where it is called
         if not counted and model[result].contains_nrt_meminfo():
             raise TypeError(f"{function.__qualname__} returns an array; have it write into one")
         return entry
@@ -130,7 +131,7 @@ def kernel(function: Kernel) -> Kernel:
     """Compile a function with numba, for Python and for other kernels, and keep it on disk."""
     if _PLAIN:
         return function
-    return cast(Kernel, _compiled(function, kept=True, _nrt=True))  # else it has its caller's
+    return cast(Kernel, _compiled(function, kept=True))
 
 
 def is_compiled(function: Callable) -> bool:
@@ -145,19 +146,10 @@ def inlined(function: Kernel) -> Kernel:
     inlined costs more than most of the work in it. Nor does it count references to arrays, which
     would take a sixth of the time of a co-simulation, so that it may neither make nor return one.
     """
-    return function if _PLAIN else cast(Kernel, _Part(function, forceinline=True, _nrt=False))
+    return function if _PLAIN else cast(Kernel, _Inlined(function))
 
 
-def part(function: Kernel) -> Kernel:
-    """Compile a function with each kernel that calls it, as a function of that kernel's own.
-
-    For functions that are long or called in several places. A kernel that calls kernels optimizes
-    all of them again; one of parts is optimized once.
-    """
-    return function if _PLAIN else cast(Kernel, _Part(function, _nrt=True))
-
-
-class _Part:
+class _Inlined:
     """A function that kernels take in; called from Python it is a kernel, made at the first call.
 
     Few ever are, and what would unpack their arguments then is a third of the work.
@@ -166,11 +158,11 @@ class _Part:
         py_func: the function.
     """
 
-    def __init__(self, function: Callable, **options: bool) -> None:
+    def __init__(self, function: Callable) -> None:
         functools.update_wrapper(self, function)
         self.py_func = function
         plain = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        self._inner = _compiled(function, kept=False, **plain, **options)
+        self._inner = _compiled(function, kept=False, forceinline=True, **plain)
         self._numba_type_ = self._inner._numba_type_  # what numba takes this object for
 
     @functools.cached_property

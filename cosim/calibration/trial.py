@@ -28,7 +28,6 @@ from cosim.coupling.signals import (
     new_state,
     with_room,
 )
-from cosim.fmi.isolation import calling
 from cosim.model.config import CoSimConfig
 from cosim.model.params import MotorParams
 from cosim.onboard.camera import NOISE, camera_of, frames_in_flight
@@ -139,8 +138,7 @@ class Trial:
         noise = np.zeros((periods, columns, 2))
         noise[:, :n] = draw_noise(self._config, self._noise, periods)
         raw = new_raw_samples(0, columns) if ticks is None else ticks
-        with calling(f"what begins at {self.time_s:g} s of a trial on an empty floor"):
-            self._driver.advance(self._plant, self._state, noise, samples, raw)
+        self._driver.advance(self._plant, self._state, noise, samples, raw)
         self._tick += periods * self._config.ticks_per_period
         return Samples(*(signal[:, :n] for signal in samples))
 

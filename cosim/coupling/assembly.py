@@ -15,7 +15,6 @@ from cosim.coupling.fmu import FmuError, Motor, MotorFmu, Sampling
 from cosim.coupling.interface import INPUTS, OUTPUTS, PHASE, SAMPLED, check_use
 from cosim.coupling.plant import Plant
 from cosim.fmi.abi import FMI_ERROR
-from cosim.fmi.isolation import calling
 from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD, TABLE_II, MotorParams, open_loop_voltage
 from cosim.model.world import generator
@@ -169,7 +168,6 @@ class Motors:
         """The instance of all motors; None before the first `restart`."""
         return self._instances[0]
 
-    @calling("the start of its motors")
     def restart(
         self,
         columns: Sequence[int],
@@ -299,7 +297,6 @@ class Motors:
         assert motor is not None
         return motor.error(self.calls.ticks[place] * dt_s, what, status)
 
-    @calling("its end")
     def close(self) -> None:
         """Free the instances."""
         for place in range(len(self._instances)):

@@ -23,8 +23,8 @@ def do_step(function: int, instance: int, time: float, step: float) -> int:
 
     Returns the fmi3Status, or INCOMPLETE if the FMU returned early or asks to end the simulation.
     """
-    status, _, terminate, early, _ = do_step_3(function, instance, time, step, 1)
-    return INCOMPLETE if terminate | early else status
+    status, ended = do_step_3(function, instance, time, step)
+    return INCOMPLETE if ended else status
 
 
 class Calls(NamedTuple):

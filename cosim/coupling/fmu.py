@@ -9,6 +9,7 @@ import contextlib
 import ctypes
 import functools
 import weakref
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,11 +30,11 @@ from cosim.coupling.interface import (
     STEP_SIZE,
     array_size,
     check_variable,
-    require_fmi_3,
 )
-from cosim.fmi.abi import FMI_ERROR
-from cosim.fmi.fmu import Fmu, FmuError, Log, end, function_address, status_of
-from cosim.fmi.isolation import calling, free_late
+from cosim.fmi.abi import FMI_ERROR, FMI_FATAL
+from cosim.fmi.fmu import Fmu, FmuError, end
+
+_MESSAGES = 100  # what is kept of those of an FMU, which may come in floods
 
 
 class Addresses(NamedTuple):
@@ -65,12 +66,8 @@ class MotorFmu(Fmu):
         OSError: the file cannot be read, or the cache cannot be written.
     """
 
-    noun, leniency = "motor FMU", ""
-    place, fix = "check the path given by --motor-fmu", "build one with `minirobots fmu`"
-
     def __init__(self, path: Path, *, open_loop: bool = False) -> None:
         super().__init__(path)
-        self.warn(f"{self.noun} {path}")
         self._size = array_size(path, self.variables)
         self.arrays = self._size is not None
         self.closed_loop: int | None = None
@@ -88,10 +85,6 @@ class MotorFmu(Fmu):
         with contextlib.suppress(KeyError, FmuError):  # what else has such a name is not the loop's
             loop = [self._reference(name, "local", "output") for name in LOOP]
             self.electrical = np.append(self.electrical, np.array(loop, dtype=np.uint32))
-
-    def check_standard(self) -> None:
-        """See `Fmu.check_standard`."""
-        require_fmi_3(self.path, self.description)
 
     def _references(self, names: tuple[str, ...], causality: str) -> np.ndarray:
         for name in names:
@@ -148,7 +141,6 @@ class MotorFmu(Fmu):
             )
         return self._reference(name, "parameter", "input")
 
-    @calling("reading its parameters")
     def read(self, names: Iterable[str], given: Mapping[str, float]) -> dict[str, float]:
         """Values that an instance has of those of some variables that it exposes in the usual unit.
 
@@ -234,7 +226,8 @@ class Motor:
         self.fmu = fmu
         self.name = name
         self._motors = motors
-        self.log = Log()
+        self.log: deque[str] = deque(maxlen=_MESSAGES)
+        self._returns = False  # whether the state before a step will be restored
         values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
         self.slave: Any = None
         try:
@@ -249,14 +242,13 @@ class Motor:
         except Exception as error:  # fmpy raises plain Exceptions
             tool = " without its tool" if fmu.interface.needsExecutionTool else ""
             what = f"cannot be initialised{tool} ({error})"
-            raise self.error(0.0, what, status_of(error)) from error
+            status = error.status if isinstance(error, FMICallException) else FMI_ERROR
+            raise self.error(0.0, what, status) from error
         self._finalizer = weakref.finalize(self, end, self.slave)
-        functions = (
-            self.slave.dll.fmi3SetFloat64,
-            self.slave.dll.fmi3DoStep,
-            self.slave.dll.fmi3GetFloat64,
-        )
-        self.addresses = Addresses(*(function_address(function) for function in functions))
+        dll = self.slave.dll
+        functions = dll.fmi3SetFloat64, dll.fmi3DoStep, dll.fmi3GetFloat64
+        addresses = (ctypes.cast(function, ctypes.c_void_p).value or 0 for function in functions)
+        self.addresses = Addresses(*addresses)
         self.instance = int(self.slave.component)
 
     def set_inputs(self, values: np.ndarray, tick: int, dt_s: float) -> None:
@@ -341,11 +333,14 @@ class Motor:
 
     def error(self, time_s: float, what: str, status: int = FMI_ERROR) -> FmuError:
         """The error with the failed instance, the time, and the last message of the FMU."""
-        return self.fmu.failure(self.slave, self.name, self.log, time_s, what, status)
+        if self.slave is not None:
+            self.slave.failed = True
+            self.slave.loaded.fatal |= status >= FMI_FATAL
+        said = f": {self.log[-1]}" if self.log else ""
+        return FmuError(
+            f"FMU {self.fmu.path.name}, instance {self.name}, at {time_s:.5f} s {what}{said}"
+        )
 
     def close(self) -> None:
         """Free the instance; further calls are errors."""
-        if self.fmu.interface.canBeInstantiatedOnlyOncePerProcess:
-            self._finalizer()
-        else:
-            free_late(self._finalizer)
+        self._finalizer()

@@ -13,10 +13,9 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from fmpy.model_description import CoSimulation, ModelDescription, ModelVariable
+from fmpy.model_description import BaseUnit, CoSimulation, ModelDescription, ModelVariable
 
 from cosim.fmi.fmu import FmuError, check_steps
-from cosim.fmi.units import base_unit, exponents, unit_of
 from fmus.variables import Unit, load_table
 
 INPUTS = ("omega_des", "omega_noise", "d")
@@ -31,18 +30,8 @@ RESTART = "restart"
 SAMPLED, SAMPLES = tuple(f"{name}_samples" for name in OUTPUTS), "samples"
 STEP_SIZE = "step_size"
 PHASE = "theta_start"  # parameter: angle at the start
-
-
-def require_fmi_3(path: Path, description: ModelDescription) -> None:
-    """Refuse an FMU of another standard.
-
-    Raises:
-        FmuError: it is none of FMI 3.0.
-    """
-    if not str(description.fmiVersion).startswith("3."):
-        raise FmuError(
-            f"motor FMU {path} is FMI {description.fmiVersion}; export it as FMI 3.0 Co-Simulation"
-        )
+_BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+_DIMENSIONLESS = ("", "1", "-")  # names that many exporters do not define
 
 
 def array_size(path: Path, variables: Mapping[str, ModelVariable]) -> int | None:
@@ -109,7 +98,7 @@ def check_variable(
         raise FmuError(f"{said} as {'an array' if sizes else 'a scalar'}; export it as {needed}")
     if variable.clocks:
         raise FmuError(f"{said} tied to a clock; export it without")
-    declared = unit_of(variable)
+    declared = variable.unit or (variable.declaredType and variable.declaredType.unit)
     unit = _units().get(variable.name)
     if declared and unit and not _same_unit(declared, description, unit):
         raise FmuError(f"{said} in {declared}; export it in {unit.name}")
@@ -145,11 +134,12 @@ def _units() -> dict[str, Unit]:
 
 
 def _same_unit(name: str, description: ModelDescription, unit: Unit) -> bool:
-    base = base_unit(name, description)
+    defined = (u.baseUnit for u in description.unitDefinitions if u.name == name)
+    base = next(defined, BaseUnit() if name in _DIMENSIONLESS else None)
     if base is None:  # a unit may go without a definition in SI base units
         return name == unit.name
     return (
-        exponents(base) == exponents(unit.base)
+        all(int(getattr(base, each)) == unit.base.get(each, 0) for each in _BASE_UNITS)
         and math.isclose(base.factor, 1.0)
         and base.offset == 0.0
     )

@@ -1,1 +1,1 @@
-"""FMUs of any kind: archives, loading, units, and calls of their C functions from machine code."""
+"""FMUs: unpacking, loading, and calls of their C functions from machine code."""

@@ -43,7 +43,6 @@ from cosim.coupling.signals import (
     new_state,
     with_room,
 )
-from cosim.fmi.isolation import calling
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import motor_phases
@@ -295,11 +294,10 @@ class Batch:
         for begin in range(0, periods, stretch):
             state.periods[:] = 0
             part = noise[begin : begin + stretch]
-            with calling(f"the RL step from {begin_s:g} s of simulated time"):
-                try:
-                    self._driver.advance(self._plant, sighted, part, samples, raw)
-                except NotFiniteError as error:
-                    raise self._named(error, going_on, begin_s) from None
+            try:
+                self._driver.advance(self._plant, sighted, part, samples, raw)
+            except NotFiniteError as error:
+                raise self._named(error, going_on, begin_s) from None
             yield samples, raw
             for place, episode in going_on.items():
                 episode.pass_periods(int(state.periods[place]))

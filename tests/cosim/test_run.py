@@ -125,7 +125,7 @@ def test_a_replay_names_what_differs(command, runs):
 
 def test_a_replay_refuses_another_motor(command, runs, motor_fmu):
     recording = runs / "a" / "episodes" / "ep_000.rrd"
-    done = command("replay", recording, "--motor-fmu", motor_fmu, "--no-isolate")
+    done = command("replay", recording, "--motor-fmu", motor_fmu)
     assert done.returncode == 2
     assert "is not the one that was recorded" in done.stderr
 
@@ -147,8 +147,8 @@ def test_trained_policy_is_found_again(runs):
     ("arguments", "sentence"),
     [
         (["--scenario", "7"], "unknown scenario '7'"),
-        (["--no-isolate", "--motor-fmu", "nowhere.fmu"], "nowhere.fmu does not exist"),
-        (["--no-isolate", "--motor-fmu", __file__], "is broken"),
+        (["--motor-fmu", "nowhere.fmu"], "nowhere.fmu does not exist"),
+        (["--motor-fmu", __file__], "is broken"),
         (["--dt", "3e-5"], "not a whole multiple"),
         (["--mu", "-1"], "mu = -1.0 must be"),
         (["--speed", "9"], "would make the robot hop; the largest possible is 4."),

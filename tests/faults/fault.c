@@ -1,10 +1,8 @@
 /* A motor FMU with faults: three of its functions (renamed to sound_…) stand behind those below,
    which go wrong from FAULT_FROM seconds on as FAULT says, once there were FAULT_AFTER instances. */
-#include <fenv.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "fmi3Functions.h"
 #undef fmi3DoStep
@@ -55,8 +53,6 @@ FMI3_Export fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3F
                                   fmi3Boolean final, fmi3Boolean *event, fmi3Boolean *terminate,
                                   fmi3Boolean *early, fmi3Float64 *last) {
     now = time;
-    if (is("chdir") && chdir("/") != 0) return fmi3Error;
-    if (is("round")) fesetround(FE_UPWARD);
     if (is("late") || is("later")) {
         broken = instance;
         say(environment, is("late") ? fmi3Error : fmi3Fatal, "logStatusError", "the gear has broken");
@@ -66,8 +62,6 @@ FMI3_Export fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3F
     if (is("error")) return fmi3Error;
     if (is("fatal")) return fmi3Fatal;
     if (is("crash")) *(volatile int *)8 = 1;
-    if (is("exit")) exit(0);
-    if (is("free")) free((char *)instance + 24);
     while (is("hang")) {
     }
     for (int k = 0; is("flood") && k < 100000; k++) say(environment, fmi3Warning, "logEvents", "flood");
@@ -90,13 +84,7 @@ FMI3_Export fmi3Status fmi3Terminate(fmi3Instance instance) {
 }
 
 FMI3_Export void fmi3FreeInstance(fmi3Instance instance) {
-    if (is("later") || is("end")) abort();
+    if (is("later")) abort();
     sound_fmi3FreeInstance(instance);
     if (is("late") && instance == broken) abort();
-}
-
-__attribute__((destructor)) static void unload(void) {
-    if (!fault) return;
-    if (strcmp(fault, "unload") == 0) abort();
-    while (strcmp(fault, "linger") == 0) sleep(1);
 }

@@ -1,9 +1,8 @@
-"""What a foreign FMU does to its process ends a command in one line, and nothing is lost."""
+"""What a faulty FMU does ends a command in one line: errors in its process, crashes in a child."""
 
-import contextlib
-import gc
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,20 +14,11 @@ import numpy as np
 import pytest
 
 from cosim.coupling.master import NotFiniteError
-from cosim.fmi.fmu import FmuError
-from cosim.fmi.isolation import Isolation, same_folder
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.simulation.cosimulation import CoSimulation
-from cosim.simulation.options import SimulationOptions
-from cosim.system.graph import Component
-from cosim.system.system import System
 from fmus.compiler import FLAGS, compiler_command, fmi_headers, host_target
-from minirobots.commands.run import Run
-from minirobots.commands.system import SimulateSystem
-from minirobots.runner import _fixed
-from tests.faults.killing import without_progress
 
 SCENARIO = """
 columns = 8
@@ -36,19 +26,6 @@ rows = 8
 [[robots]]
 target = [1, 6]
 starts = [[6, 1]]
-"""
-
-
-SYSTEM = """<?xml version="1.0"?>
-<ssd:SystemStructureDescription xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
-    version="1.0" name="one">
-  <ssd:System name="one">
-    <ssd:Elements>
-      <ssd:Component name="motor" type="application/x-fmu-sharedlibrary"
-          source="resources/Faulty.fmu"/>
-    </ssd:Elements>
-  </ssd:System>
-</ssd:SystemStructureDescription>
 """
 
 
@@ -102,18 +79,27 @@ def drive(begin):
     return begin
 
 
+@pytest.fixture
+def motor_test(faulty_fmu, tmp_path):
+    """Tests the faulty FMU in a process of its own."""
+
+    def run(fault, start, **keywords):
+        command = [sys.executable, "-m", "minirobots", "motor-test", "--motor-fmu", faulty_fmu]
+        command += ["--isolate", "--out", tmp_path / "test.rrd"]
+        environment = os.environ | {"FAULT": fault, "FAULT_FROM": "0.005"}
+        return start(command, env=environment, stderr=subprocess.PIPE, text=True, **keywords)
+
+    return run
+
+
 FAULTS = {
-    "late": "at 2.50000 s failed (fmi3Status 3)",
-    "later": "at 2.50000 s failed (fmi3Status 4)",
-    "round": "an FMU changed the rounding",
-    "crash": r"crashed (SIGSEGV) in the RL step from 2 s of simulated time",
-    "exit": r"ended the process with status 0 in the RL step from 2 s of simulated time",
+    "late": "at 2.50000 s failed (fmi3Status 3): the gear has broken",
+    "later": "at 2.50000 s failed (fmi3Status 4): the gear has broken",
     "error": "2.5",
     "nan": "omega of motor D of robot 1 is nan at 2.5",
     "inf": "omega of motor D of robot 1 is inf at 2.5",
     "discard": "fmi3Status 2",
     "fatal": "fmi3Status 4",
-    "free": r"crashed (SIG",
     "flood": "fmi3Status 3",
 }
 
@@ -121,35 +107,12 @@ FAULTS = {
 @pytest.mark.faults
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_named_with_the_time(fault, drive):
-    out, ended = drive(fault, check=False)
+    _, ended = drive(fault, check=False)
     assert ended.returncode == 2
     (sentence,) = [line for line in ended.stderr.splitlines() if line.startswith("error: ")]
     assert FAULTS[fault] in sentence
-    assert "Faulty.fmu" in sentence or "robot 1" in sentence or fault == "round"
+    assert "Faulty.fmu" in sentence or "robot 1" in sentence
     assert "Traceback" not in ended.stderr
-    if "RL step" in FAULTS[fault]:  # nobody was left to complete the recording
-        assert not list((out / "episodes").glob("*.rrd"))
-
-
-@pytest.mark.long
-def test_a_crash_in_a_calibration_is_named(begin):
-    # with a friction of its own: other tests calibrate this FMU, too
-    out, ended = begin("crash", "--mu", 0.17, fault_from=0.005, check=False)
-    assert ended.returncode == 2
-    assert "FMU Faulty.fmu crashed (SIGSEGV) in what begins at 0 s of a trial" in ended.stderr
-    assert not list(out.rglob("*.rrd"))
-
-
-@pytest.mark.long
-def test_a_crash_in_a_motor_test_is_named(faulty_fmu, tmp_path):
-    command = [sys.executable, "-m", "minirobots", "motor-test", "--motor-fmu", faulty_fmu]
-    command += ["--out", tmp_path / "test.rrd"]
-    environment = os.environ | {"FAULT": "crash", "FAULT_FROM": "0.005"}
-    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert ended.returncode == 2
-    words = "FMU Faulty.fmu crashed (SIGSEGV) in what begins at 0.005 s of the open loop test"
-    assert words in ended.stderr
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("fault", ["nan", "inf"])
@@ -165,143 +128,30 @@ def test_the_first_signal_that_is_no_number_is_named(fault, faulty_fmu, monkeypa
         system.advance(np.array([0]))
 
 
-@pytest.mark.faults
-def test_what_never_returns_is_ended(drive):
-    _, ended = drive("hang", "--isolate-limit", "2", check=False)
+@pytest.mark.long
+def test_a_crash_is_named(motor_test, tmp_path):
+    ended = motor_test("crash", subprocess.run, check=False)
     assert ended.returncode == 2
-    assert "did not return from the RL step from 2 s of simulated time within 2 s" in ended.stderr
-
-
-@pytest.mark.parametrize(
-    ("fault", "limit_s", "words"),
-    [
-        ("crash", 300, "an FMU of one.ssp crashed (SIGSEGV) in what begins at"),
-        pytest.param(*("hang", 4, "an FMU of one.ssp did not return from"), marks=pytest.mark.long),
-    ],
-)
-def test_a_system_of_faulty_fmus_ends_in_a_sentence(fault, limit_s, words, faulty_fmu, tmp_path):
-    with zipfile.ZipFile(tmp_path / "one.ssp", "w") as archive:
-        archive.write(faulty_fmu, "resources/Faulty.fmu")
-        archive.writestr("SystemStructure.ssd", SYSTEM)
-    command = [sys.executable, "-m", "minirobots", "system", tmp_path / "one.ssp", "--until", "3"]
-    command += ["--isolate-limit", str(limit_s)]
-    environment = os.environ | {"FAULT": fault, "FAULT_FROM": "2.5"}
-    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert ended.returncode == 2
-    (sentence,) = without_progress(ended.stderr).splitlines()
-    assert words in sentence
-
-
-@pytest.fixture
-def simulate(faulty_fmu, tmp_path):
-    """Runs the system command with the faulty FMU."""
-
-    def run(fault: str, *options: object, fault_from: float = 0.0) -> subprocess.CompletedProcess:
-        with zipfile.ZipFile(tmp_path / "one.ssp", "w") as archive:
-            archive.write(faulty_fmu, "resources/Faulty.fmu")
-            archive.writestr("SystemStructure.ssd", SYSTEM)
-        command = [sys.executable, "-m", "minirobots", "system", "one.ssp", "--until", "1"]
-        command += map(str, options)
-        environment = os.environ | {"FAULT": fault, "FAULT_FROM": str(fault_from)}
-        return subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True,
-            text=True, check=False,
-        )  # fmt: skip
-
-    return run
+    assert re.search(r"error: motor FMU .*Faulty\.fmu crashed \(SIGSEGV\), .*\n$", ended.stderr)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.faults
-@pytest.mark.parametrize("fault", ["late", "later"])
-def test_what_an_fmu_does_after_its_error_does_not_hide_it(simulate, fault):
-    ended = simulate(fault, fault_from=0.5)
-    assert ended.returncode == 2
-    (sentence,) = without_progress(ended.stderr).splitlines()
-    assert "Faulty.fmu, instance motor, at 0.50000 s failed (fmi3Status " in sentence
-    assert "the gear has broken" in sentence
-
-
-@pytest.mark.faults
-@pytest.mark.parametrize(
-    ("fault", "options"), [("end", ()), ("unload", ()), ("linger", ("--isolate-limit", 3))]
-)
-def test_results_that_are_whole_are_kept(simulate, tmp_path, fault, options):
-    ended = simulate(fault, *options, "--out", "run.csv")
-    assert ended.returncode == 0, ended.stderr
-    assert "1 components at 1 s, after 1000 steps" in ended.stdout
-    assert len((tmp_path / "run.csv").read_text().splitlines()) == 1002
-
-
-@pytest.mark.faults
-@pytest.mark.parametrize("fault", ["end", "unload"])
-def test_results_of_episodes_are_complete_before_instances_are_freed(drive, fault):
-    out, ended = drive(fault, fault_from=0.0, check=False)
-    assert ended.returncode == 0, ended.stderr
-    (episode,) = json.loads((out / "summary.json").read_text())["episodes"]
-    assert (out / episode["recording"]).is_file()
-
-
-def test_paths_are_absolute_where_foreign_code_runs(monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    options = Run(physics=SimulationOptions(motor_fmu=Path("motor.fmu")))
-    fixed = _fixed(options)
-    assert fixed.folder == options.folder.absolute() == fixed.out
-    assert fixed.physics.motor_fmu == tmp_path / "motor.fmu"
-    assert _fixed(SimulateSystem(file=Path("a.ssp"), out=Path("a.csv"))).out == tmp_path / "a.csv"
-
-
-@pytest.mark.faults
-def test_results_are_where_they_were_asked_for(simulate, tmp_path):
-    ended = simulate("chdir", "--out", "run.csv")
-    assert ended.returncode == 0, ended.stderr
-    assert (tmp_path / "run.csv").is_file()
-
-
-def test_fmus_change_neither_folder_nor_arithmetic(faulty_fmu, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    components = [Component("motor", faulty_fmu)]
-    monkeypatch.setenv("FAULT_FROM", "0.002")
-    for fault in ("chdir", "round"):
-        monkeypatch.setenv("FAULT", fault)
-        with System(components) as system:
-            system.run(0.002)
-            changed = pytest.raises(FmuError, match=r"an FMU changed the rounding .* at 0.002 s")
-            with changed if fault == "round" else contextlib.nullcontext():
-                system.run(0.004)
-        assert Path.cwd() == tmp_path
-        assert 1.0 + 2.0**-54 * float(len(fault)) / 8.0 == 1.0
-
-
-def test_a_call_without_an_end_does_not_hold_the_folder(monkeypatch, tmp_path):
-    """An interrupt between a call and what it encloses leaves one, kept by the traceback."""
-    interrupted = same_folder()
-    interrupted.__enter__()
-    monkeypatch.chdir(tmp_path)
-    with same_folder():
-        pass
-    assert Path.cwd() == tmp_path
-    del interrupted
-    gc.collect()
-    assert Path.cwd() == tmp_path
-
-
-def test_nan_is_named_with_component_variable_and_time(faulty_fmu, monkeypatch):
-    monkeypatch.setenv("FAULT", "nan")
-    monkeypatch.setenv("FAULT_FROM", "0.002")
-    with (
-        System([Component("motor", faulty_fmu)]) as system,
-        pytest.raises(FmuError, match=r"instance motor, at 0.00300 s puts out nan \(omega\)"),
-    ):
-        system.run(1.0)
+def test_interrupts_end_what_never_returns(motor_test):
+    process = motor_test("hang", subprocess.Popen)
+    while process.poll() is None:
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+    assert process.returncode in {130, -signal.SIGINT}  # the latter while modules are imported
 
 
 @pytest.mark.faults
 def test_earlier_episodes_are_whole(drive, monkeypatch):
     monkeypatch.setenv("FAULT_AFTER", "3")  # one read for its parameters, two of the first episode
-    options = ("--episodes", "2", "--jobs", "1", "--driver", "reference")
+    options = ("--isolate", "--episodes", "2", "--jobs", "1", "--driver", "reference")
     out, ended = drive("crash", *options, time_limit=2, fault_from=1.5, check=False)
     assert ended.returncode == 2
-    assert "crashed (SIGSEGV) in the RL step from 0 s" in ended.stderr
+    assert "Faulty.fmu crashed (SIGSEGV)" in ended.stderr
     (episode,) = json.loads((out / "summary.json").read_text())["episodes"]
     assert [path.name for path in (out / "episodes").glob("*.rrd")] == ["ep_000.rrd"]
     assert episode["recording"] == "episodes/ep_000.rrd"
@@ -310,7 +160,7 @@ def test_earlier_episodes_are_whole(drive, monkeypatch):
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 @pytest.mark.faults
 def test_an_interrupt_reaches_the_child(sent, status, drive):
-    out, process = drive("none", time_limit=600, start=subprocess.Popen)
+    out, process = drive("none", "--isolate", time_limit=600, start=subprocess.Popen)
     while not list((out / "episodes").glob("*.part")):
         assert process.poll() is None
         time.sleep(0.05)
@@ -319,19 +169,3 @@ def test_an_interrupt_reaches_the_child(sent, status, drive):
     assert process.returncode == status, errors
     assert "Traceback" not in errors
     assert list((out / "episodes").glob("*.rrd"))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"isolate": True, "no_isolate": True}, "contradicts"),
-        ({"isolate_limit": 1.0}, "no effect without --isolate"),
-        ({"no_isolate": True}, "no effect without --motor-fmu"),
-        ({"isolate_limit": -1.0}, "must be positive"),
-    ],
-)
-def test_what_has_no_effect_is_refused(options, message):
-    from cosim.model.config import ConfigError
-
-    with pytest.raises(ConfigError, match=message):
-        Isolation(**options).enter("cosim.run", None)

@@ -220,10 +220,10 @@ def test_a_file_of_another_name_is_refused():
 WITHOUT_POSIX = """
 import os, sys
 sys.modules["fcntl"] = None
-for name in ("O_DIRECTORY", "O_NOFOLLOW", "killpg", "sched_getaffinity"):
+for name in ("O_DIRECTORY", "O_NOFOLLOW", "sched_getaffinity"):
     delattr(os, name)
 from pathlib import Path
-import agent, analysis, cosim, minirobots, agent.study.store, cosim.fmi.isolation
+import agent, analysis, cosim, minirobots, agent.study.store
 from cosim.base.command import workers
 from cosim.base.storage import temporary_folder, write_json
 with temporary_folder() as folder:

@@ -248,6 +248,19 @@ def test_foreign_platform_is_refused(motor_fmu, tmp_path):
         MotorFmu(path)
 
 
+def test_a_violation_that_changes_no_result_is_a_warning(edited_fmu, caplog):
+    path = edited_fmu(lambda root: variable(root, "K_T").attrib.pop("start"))
+    MotorFmu(path).instantiate("m").close()
+    (message,) = caplog.messages
+    assert re.match(rf"motor FMU {path} violates the standard: .* has no start value", message)
+
+
+def test_a_violation_that_may_change_a_result_is_refused(edited_fmu):
+    path = edited_fmu(lambda root: variable(root, "K_T").set("descriptio", "m"))
+    with pytest.raises(FmuError, match=r"violates the standard \(.*'descriptio'.*\); build one"):
+        MotorFmu(path)
+
+
 def test_refused_parameter_names_instance_and_reason(motor_fmu):
     with pytest.raises(FmuError, match=r"instance r1\.D, .*J cannot be -1"):
         MotorFmu(motor_fmu).instantiate("r1.D", {"J": -1.0})

@@ -129,7 +129,7 @@ def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, comm
 
     monkeypatch.setattr(measurement, "measured_speed", refused)
     monkeypatch.setattr(measurement, "drive_by_the_clock", refused)
-    fmu = ("--motor-fmu", motor_fmu, "--no-isolate")
+    fmu = ("--motor-fmu", motor_fmu)
     done = command("validate", "--quick", "--json", "--out", tmp_path, *fmu)
     assert done.returncode == 0, done.stderr
     printed = json.loads(done.stdout.splitlines()[-1])
