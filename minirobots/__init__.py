@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from agent import load, train
     from agent.certification.certify import certify
-    from agent.falsification.falsify import falsify
     from agent.study.user import evaluate, study
     from agent.training.policy import Policy
     from analysis import open  # noqa: A004 - to be called as minirobots.open
@@ -34,7 +33,6 @@ __all__ = [
     "__version__",
     "certify",
     "evaluate",
-    "falsify",
     "load",
     "open",
     "simulate",
@@ -52,7 +50,6 @@ _MODULES = {
     "World": "cosim",
     "certify": "agent.certification.certify",
     "evaluate": "agent.study.user",
-    "falsify": "agent.falsification.falsify",
     "load": "agent",
     "open": "analysis",
     "simulate": "cosim",

@@ -51,7 +51,6 @@ reveal_type(mr.World(mu=0.2).mu)
 reveal_type(mr.evaluate("moves", "1a", starts=4, mu=0.1).success)
 reveal_type(mr.study(["moves"], "1a", mu=[0.1, 0.2]).to_markdown())
 reveal_type(mr.certify("policy.npz", "collision < 1e-3").confidence)
-reveal_type(mr.falsify("policy.npz", episodes=8).episodes)
 mr.simulate()
 """
 

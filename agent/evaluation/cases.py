@@ -133,10 +133,6 @@ class Case:
         """Start cell of each robot; beyond the last start they begin again, see `rounds`."""
         return tuple((int(x), int(y)) for x, y in self.starts[index % len(self.starts)])
 
-    def config_of(self, index: int) -> CoSimConfig:
-        """Configuration of an episode."""
-        return self.config
-
     def noise_seed(self, index: int) -> np.random.SeedSequence:
         """Seed of the speed noise of an episode, and of what its world draws."""
         return np.random.SeedSequence(self.seed, spawn_key=(_NOISE, index))
@@ -170,7 +166,7 @@ class Job:
 
     def task(self) -> Task:
         """Return what to simulate."""
-        case, path, config = self.case, self.recording, self.case.config_of(self.index)
+        case, path, config = self.case, self.recording, self.case.config
         return Task(
             case.policy.config.scenario,
             case.fmu,

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 COMMANDS = minirobots.__main__.purposes()
 # What takes long to load, and no options need.
 HEAVY = {
-    "cma", "fmpy", "gymnasium", "joblib", "matplotlib", "numba", "pyarrow", "rerun", "rich",
+    "fmpy", "gymnasium", "joblib", "matplotlib", "numba", "pyarrow", "rerun", "rich",
     "scipy",
 }  # fmt: skip
 # Prints, by command, the start of its help and what it has loaded so far.
