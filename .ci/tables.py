@@ -48,10 +48,6 @@ PICTURES = {
     "certificates": Picture(
         "certificates", "claim | 0", {str(k): f"{k} against it" for k in range(5)}, "{claim}",
         "episodes until a certificate at 0.999999", logarithmic=True),
-    "falsification": Picture(
-        "falsification", "policy | seed", {name: name for name in ("surrogate", "cma", "random")},
-        "{policy}, seed {seed}", "episodes until the first collision (open: none in as many)",
-        logarithmic=True),
     "performance": Picture(
         "performance", "figure | this run | three", {"this run": "this run"}, "{figure}", "ns",
         keep="_ns", logarithmic=True),

@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from agent import load, train
-    from agent.certification.certify import certify
-    from agent.falsification.falsify import falsify
     from agent.study.user import evaluate, study
     from agent.training.policy import Policy
     from analysis import open  # noqa: A004 - to be called as minirobots.open
@@ -29,9 +27,7 @@ __all__ = [
     "UserError",
     "World",
     "__version__",
-    "certify",
     "evaluate",
-    "falsify",
     "load",
     "open",
     "simulate",
@@ -45,9 +41,7 @@ _MODULES = {
     "Scenario": "cosim",
     "UserError": "cosim",
     "World": "cosim",
-    "certify": "agent.certification.certify",
     "evaluate": "agent.study.user",
-    "falsify": "agent.falsification.falsify",
     "load": "agent",
     "open": "analysis",
     "simulate": "cosim",

@@ -3,14 +3,19 @@
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from agent.evaluation.claims import claim_of
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError
 from minirobots.options import Distributed, Folder, NotNegative, Resumable, Seed, Simulating
+
+if TYPE_CHECKING:
+    from agent.evaluation.grid import GridReport
+    from agent.study.evaluate import EvaluationReport
 
 
 class Evaluate(Distributed, Simulating, Resumable):
@@ -38,7 +43,15 @@ class Evaluate(Distributed, Simulating, Resumable):
     """Evaluate on the grid, exactly; takes files and folders of runs, and no option but --json."""
     starts: str | None = None
     """Number of starts to sample without replacement, or 'all' (1a 30, 1b 116, pairs 900, those
-    that start on one side 600); by default 50, or all where there are fewer."""
+    that start on one side 600); by default 50, or all where there are fewer. With --claim the
+    maximum number of episodes, by default all starts; more than that begin again with the first
+    start, each time with other noise."""
+    claim: str | None = None
+    """Claim to certify or refuse, such as 'collision < 1e-2': RATE < p or RATE > p with the rate of
+    collision, out_of_board, timeout, failure or success. The evaluation ends with the episode that
+    decides it; the exit status is 1 unless every policy is certified."""
+    confidence: Annotated[float | None, tyro.conf.arg(metavar="P")] = None
+    """Least probability that the verdict is right, by default 0.999."""
     seed: Seed = 0
     scenario: str | None = None
     """Scenario (a name, or a file) of methods and objects; files of any other one are refused."""
@@ -52,6 +65,7 @@ class Evaluate(Distributed, Simulating, Resumable):
         number = self.starts is None or (self.starts.isdecimal() and int(self.starts) > 0)
         if not number and self.starts != "all":
             raise ConfigError(f"--starts {self.starts} is neither 'all' nor a positive number")
+        claim_of(self.claim, self.confidence)
         if self.grid:
             of_grid = {"policies", "policy", "grid", "json"}
             if without := [name for name in _changed(self, Evaluate()) if name not in of_grid]:
@@ -71,10 +85,11 @@ def run(options: Evaluate, progress: Progress) -> Iterator[Any]:
     from agent.study.evaluate import evaluate, show
 
     arguments = options.arguments(
-        *("policy", "grid"),
+        *("policy", "grid", "confidence"),
         policies=(*options.policies, *options.policy),
         physics=options.physics,
         starts=options.starts if options.starts in (None, "all") else int(options.starts),
+        claim=claim_of(options.claim, options.confidence),
     )
     report = evaluate(**arguments, progress=progress)
     yield report
@@ -103,3 +118,9 @@ def _on_grid(policies: tuple[str, ...]) -> Iterator[Any]:
     report = report_of((str(path), load_policy(path)) for path in paths)
     yield report
     show(report)
+
+
+def failed(report: "EvaluationReport | GridReport") -> bool:
+    """Return whether a claim is not certified."""
+    claims = [getattr(row, "claim", None) for row in report.policies]  # on the grid there is none
+    return any(claim.verdict != "certified" for claim in claims if claim is not None)

@@ -13,8 +13,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from agent.certification.certificate import issue, read_certificate
-from agent.certification.claims import parse_claim
 from agent.evaluation.cases import Case
 from agent.mdp.config import ProcessConfig
 from agent.mdp.optimum import optimum
@@ -28,7 +26,6 @@ from agent.training.store import LOG_FILE, find_or_train
 from analysis.figures.style import Caption, read_caption, write_caption
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
-from cosim.base.storage import write_json
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
@@ -53,7 +50,7 @@ def seeds(tmp_path_factory):
     folder = tmp_path_factory.mktemp("seeds")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MINIROBOTS_CACHE", str(folder / "cache"))
-        policy, _, path = find_or_train(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)))
+        _, _, path = find_or_train(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)))
     moves = [
         {"direction": d, "heading": h, "previous": -1, "columns": 1, "rows": d, "turn_s": 0.5}
         | {"duration_s": 3.5, "drift_x": 0.0, "drift_y": 0.0, "stop_x": 0.0, "stop_y": 0.0}
@@ -64,22 +61,17 @@ def seeds(tmp_path_factory):
     (folder / "moves.json").write_text(json.dumps(moves))
     (folder / "settings.toml").write_text('[process]\nfeatures = ["x", "y"]\n[learning]\neta = 1\n')
     write_caption(Caption("fig03", "Motion", "it slides", ("5 µm",), {"step_um": 5.0}), folder)
-    results = ResultFile(folder, Case(policy, CoSimConfig(), cached_fmu(), 0))
-    write_json(folder / "certificate.json", issue(results, parse_claim("success > 0.5"), 0.9))
     return {
         "policy": (path, Policy.load),
         "training": (path.with_name(LOG_FILE), TrainingLog.load),
         "moves": (folder / "moves.json", read_moves),
         "scenario": (EXAMPLE, find_scenario),
         "settings": (folder / "settings.toml", read_settings),
-        "certificate": (folder / "certificate.json", read_certificate),
         "caption": (folder / "fig03.json", lambda p: read_caption(p.parent, p.stem)),
     }
 
 
-KINDS = (
-    "policy", "training", "moves", "scenario", "settings", "caption", "certificate",
-)  # fmt: skip
+KINDS = ("policy", "training", "moves", "scenario", "settings", "caption")
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -10,14 +10,11 @@ import zipfile
 from collections.abc import Callable
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.falsification.found import FoundCase, FoundCases, read_cases
-from agent.falsification.ranges import OF_SENSOR, OF_WORLD, PHASE, SEED, START, Space, read_ranges
 from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
 from agent.training.learning import build_learning
@@ -27,12 +24,11 @@ from cosim.base.errors import UserError
 from cosim.coupling.fmu import MotorFmu
 from cosim.machine.identification.track import COLUMNS, read_track
 from cosim.model.config import CoSimConfig
-from cosim.model.outcome import Outcome
 from cosim.model.params import MotorParams, RobotParams
 from cosim.model.preset import WORLD_FIELDS, find_preset
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world, in_world, read_world
-from cosim.model.world import IDEAL, Sensor, World
+from cosim.model.world import Sensor, World
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 from cosim.recording.rrd import read_rrd
@@ -189,33 +185,6 @@ def test_settings(tmp_path, content):
     one_sentence(use)
 
 
-RANGE = (
-    st.lists(NUMBERS, min_size=2, max_size=2)
-    | st.tuples(NUMBERS).map(lambda x: [x[0], x[0]])
-    | VALUES
-)
-RANGES = st.builds(
-    lambda own, camera: own | camera,
-    st.dictionaries(st.sampled_from((START, PHASE, SEED, *OF_WORLD)), RANGE, max_size=4),
-    part(
-        st.dictionaries(st.sampled_from([n.partition(".")[2] for n in OF_SENSOR]), RANGE), "sensor"
-    ),
-)
-
-
-@examples(40)
-@given(part(RANGES, "ranges"))
-def test_ranges(tmp_path, content):
-    path = tmp_path / "ranges.toml"
-    path.write_text(lines(content), encoding="utf-8")
-
-    def use() -> None:
-        space = Space(SMALL, CoSimConfig().sized(SMALL.robot_diameter_m), read_ranges(path))
-        space.point(np.full(len(space.coordinates), 0.5))
-
-    one_sentence(use)
-
-
 FIELDS = st.one_of(st.floats(width=32).map(str), st.text(max_size=4), st.just("0"))
 TRACKS = st.lists(st.lists(FIELDS, max_size=7), max_size=6)
 
@@ -322,35 +291,3 @@ TIMINGS = st.dictionaries(
 def test_timings(tmp_path, content):
     (tmp_path / "timings.json").write_bytes(content)
     one_sentence(lambda: read_timings(tmp_path))
-
-
-def changed(value: Any, data: st.DataObject) -> Any:
-    """JSON with something in it exchanged, added or taken out."""
-    if not isinstance(value, dict | list) or not value or data.draw(st.integers(0, 4)) == 0:
-        return data.draw(JSON)
-    keys = list(value) if isinstance(value, dict) else list(range(len(value)))
-    key = data.draw(st.sampled_from(keys))
-    copy = value.copy()
-    if data.draw(st.integers(0, 9)) == 0:
-        del copy[key]
-    else:
-        copy[key] = changed(value[key], data)
-    return copy
-
-
-@examples(40)
-@given(st.data())
-def test_found_cases(tmp_path, data):
-    case = FoundCase(
-        number=0, starts=((0, 0),), seed=1, world=IDEAL, outcome=Outcome.TIMEOUT, gap_cm=None,
-        sim_time_s=4.0, fails=True,
-    )  # fmt: skip
-    cases = FoundCases(
-        scenario=SMALL, config=CoSimConfig(), objective="time", policy="p", policy_digest="0",
-        cases=(case,),
-    )  # fmt: skip
-    path = tmp_path / "cases.json"
-    path.write_bytes(msgspec.json.encode(cases))
-    assert read_cases(path) == cases
-    path.write_text(json.dumps(changed(json.loads(path.read_bytes()), data)), encoding="utf-8")
-    one_sentence(lambda: read_cases(path))

@@ -28,11 +28,11 @@ from tests.faults.killing import (
 
 MOMENTS = 12
 ONE_BY_ONE = (
-    "training", "sweep", "evaluation", "certification", "transfer", "robustness", "validation",
-    "study", "report", "FMU",
+    "training", "sweep", "evaluation", "transfer", "robustness",
+    "validation", "study", "report", "FMU",
 )  # fmt: skip
 # Whose results a command reads.
-NEEDED = {"evaluation": "training", "certification": "training", "report": "reproduction"}
+NEEDED = {"evaluation": "training", "report": "reproduction"}
 PARTIAL = {
     "training": "experiment.json",
     "sweep": "experiment.json",
@@ -45,7 +45,7 @@ WRITERS = {
     "transfer": ("--quick", "--scenarios", "1a", "--methods", "paper"),
     "robustness": ("--quick", "--scenario", "1a", "--methods", "paper", "--axes", "nothing"),
 }
-GROWING = {"certificate.json", "summary.json", "timings.json"}
+GROWING = {"summary.json", "timings.json"}
 ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 

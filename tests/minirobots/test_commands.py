@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 COMMANDS = minirobots.__main__.purposes()
 # What takes long to load, and no options need.
 HEAVY = {
-    "cma", "fmpy", "gymnasium", "joblib", "matplotlib", "numba", "pyarrow", "rerun", "rich",
+    "fmpy", "gymnasium", "joblib", "matplotlib", "numba", "pyarrow", "rerun", "rich",
     "scipy",
 }  # fmt: skip
 # Prints, by command, the start of its help and what it has loaded so far.
@@ -158,6 +158,7 @@ def test_a_command_is_added_by_one_file(added):
 
 
 def test_help_ends_with_examples_of_the_page(program):
-    done = program("certify", "--help")
+    done = program("evaluate", "--help")
     assert done.returncode == 0
-    assert "\nexamples:\n  minirobots certify --policy P.npz --claim" in done.stdout
+    assert "\nexamples:\n  minirobots evaluate " in done.stdout
+    assert "P.npz --claim" in done.stdout
