@@ -172,7 +172,10 @@ def _read_description(folder: Path, said: str) -> ModelDescription:
     try:
         return fmpy.read_model_description(folder)
     except (ValidationError, KeyError) as error:  # KeyError of an undefined unit
-        description = fmpy.read_model_description(folder, validate=False)
+        try:
+            description = fmpy.read_model_description(folder, validate=False)
+        except Exception:
+            raise error from None  # which says more
         for each in (v for one in description.modelVariables for v in (one, *one.aliases)):
             each.displayUnit = None  # is used by nothing here
         found = [*getattr(error, "problems", ()), *validate_model_description(description)]

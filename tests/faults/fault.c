@@ -53,12 +53,8 @@ FMI3_Export fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3F
                                   fmi3Boolean final, fmi3Boolean *event, fmi3Boolean *terminate,
                                   fmi3Boolean *early, fmi3Float64 *last) {
     now = time;
-    if (is("late") || is("later")) {
-        broken = instance;
-        say(environment, is("late") ? fmi3Error : fmi3Fatal, "logStatusError", "the gear has broken");
-        return is("late") ? fmi3Error : fmi3Fatal;
-    }
     if (is("discard")) return fmi3Discard;
+    if (is("error")) broken = instance;
     if (is("error")) return fmi3Error;
     if (is("fatal")) return fmi3Fatal;
     if (is("crash")) *(volatile int *)8 = 1;
@@ -79,12 +75,11 @@ FMI3_Export fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueRefe
 
 /* The standards forbid to terminate after an error, and to call anything after a fatal one. */
 FMI3_Export fmi3Status fmi3Terminate(fmi3Instance instance) {
-    if (is("later") || (is("late") && instance == broken)) abort();
+    if (is("fatal") || (is("error") && instance == broken)) abort();
     return sound_fmi3Terminate(instance);
 }
 
 FMI3_Export void fmi3FreeInstance(fmi3Instance instance) {
-    if (is("later")) abort();
+    if (is("fatal")) abort();
     sound_fmi3FreeInstance(instance);
-    if (is("late") && instance == broken) abort();
 }
