@@ -20,7 +20,6 @@ DATA = {
     "fmus/vibration_motor/variables.toml",
     "fmus/vibration_motor/motor.h",
     "fmus/vibration_motor/VibrationMotor.mo",
-    "fmus/vibration_motor/icon.png",
     "fmus/fmi/fmi3.c",
     "analysis/report/templates/report.html.j2",
     "analysis/report/templates/report.css",

@@ -81,16 +81,16 @@ static Status model_get_double(const Instance *instance, const char *function,
 static Status model_set_double(Instance *instance, const char *function,
                                const uint32_t references[], size_t count, const double values[],
                                size_t value_count);
-/* Variables that are not floating-point and have one value: the type is "Boolean" or "Enumeration".
- */
-static Status model_get_option(const Instance *instance, const char *function, uint32_t reference,
-                               const char *type, int64_t *value);
-/* Whether an option may take a value now; says why not. */
-static Status model_check_option(const Instance *instance, const char *function, uint32_t reference,
-                                 const char *type, int64_t value);
-/* Set an option to a value that was checked. */
-static void model_set_option(Instance *instance, uint32_t reference, const char *type,
-                             int64_t value);
+/* A variable that is not floating-point and has one value: where it is, and what it may be. */
+typedef struct {
+    int32_t *value; /* NULL if there is none */
+    int32_t least, most;
+} Option;
+
+/* The option of a reference and type, "Boolean" or "Enumeration". */
+static Option model_option(Instance *instance, uint32_t reference, const char *type);
+/* Put changed options into force. */
+static void model_options_changed(Instance *instance);
 
 static Status model_save(const Instance *instance, const char *function, void **state);
 static Status model_restore(Instance *instance, const char *function, const void *state);
@@ -282,6 +282,20 @@ static Status check_double(const Instance *instance, const char *function, uint3
     if (!is_input && !(value <= parameter_max[parameter]))
         return fail(instance, function, "%s cannot be %g; the most is %g", variable_name[reference],
                     value, parameter_max[parameter]);
+    return STATUS_OK;
+}
+
+/* Whether an option may take a value now; says why not. */
+static Status check_option(Instance *instance, const char *function, uint32_t reference,
+                           const char *type, int64_t value) {
+    const Option option = model_option(instance, reference, type);
+    if (!option.value)
+        return fail_reference(instance, function, reference, type);
+    if (!(instance->now.life_cycle & STARTING))
+        return fail_fixed(instance, function, reference);
+    if (value < option.least || value > option.most)
+        return fail(instance, function, "%s cannot be %lld; use %d to %d", variable_name[reference],
+                    (long long)value, (int)option.least, (int)option.most);
     return STATUS_OK;
 }
 

@@ -11,5 +11,5 @@
 /* Enumerations are Int64 in FMI 3. */
 OPTION_ACCESS(Int64, "Enumeration")
 NO_VARIABLES(UInt64)
-NOT_OFFERED(fmi3EnterConfigurationMode)
-NOT_OFFERED(fmi3ExitConfigurationMode)
+NOT_OFFERED(EnterConfigurationMode)
+NOT_OFFERED(ExitConfigurationMode)

@@ -133,42 +133,16 @@ Status model_set_double(Instance *instance, const char *function, const uint32_t
     return STATUS_OK;
 }
 
-/* The option of that reference and type, which is 0 or 1, or of 1 to 2; NULL if there is none. */
-static const int32_t *find_option(const Motor *motor, uint32_t reference, const char *type) {
-    if (reference == VR_closed_loop && strcmp(type, "Boolean") == 0)
-        return &motor->p.closed_loop;
-    if (reference == VR_solver && strcmp(type, "Enumeration") == 0)
-        return &motor->p.solver;
-    return NULL;
-}
-
-Status model_get_option(const Instance *instance, const char *function, uint32_t reference,
-                        const char *type, int64_t *value) {
-    const int32_t *option = find_option(motor_in(instance), reference, type);
-    if (!option)
-        return fail_reference(instance, function, reference, type);
-    *value = *option;
-    return STATUS_OK;
-}
-
-Status model_check_option(const Instance *instance, const char *function, uint32_t reference,
-                          const char *type, int64_t value) {
-    if (!find_option(motor_in(instance), reference, type))
-        return fail_reference(instance, function, reference, type);
-    if (!(instance->now.life_cycle & STARTING))
-        return fail_fixed(instance, function, reference);
-    const int least = reference == VR_solver;
-    if (value < least || value > least + 1)
-        return fail(instance, function, "%s cannot be %lld; use %d to %d", variable_name[reference],
-                    (long long)value, least, least + 1);
-    return STATUS_OK;
-}
-
-void model_set_option(Instance *instance, uint32_t reference, const char *type, int64_t value) {
-    (void)type;
+Option model_option(Instance *instance, uint32_t reference, const char *type) {
     Motor *motor = motor_of(instance);
-    *(reference == VR_solver ? &motor->p.solver : &motor->p.closed_loop) = (int32_t)value;
+    if (reference == VR_closed_loop && strcmp(type, "Boolean") == 0)
+        return (Option){&motor->p.closed_loop, 0, 1};
+    if (reference == VR_solver && strcmp(type, "Enumeration") == 0)
+        return (Option){&motor->p.solver, SOLVER_SEMI_IMPLICIT_EULER, SOLVER_RK4};
+    return (Option){NULL, 0, 0};
 }
+
+void model_options_changed(Instance *instance) { (void)instance; }
 
 typedef struct {
     Motor motor;

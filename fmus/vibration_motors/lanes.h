@@ -51,7 +51,7 @@ typedef struct {
     bool closed_loop;
     bool restarting; /* whether motors may have to return to their start before the first step */
     size_t samples;  /* equal parts of the step whose ends are kept */
-    double *sampled; /* where to, as in array.h; NULL for nowhere */
+    double *sampled; /* where to, as in array.c; NULL for nowhere */
     size_t stride;   /* of motors in it */
     int64_t steps;   /* of a part */
     double step_size;

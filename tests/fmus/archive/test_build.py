@@ -284,5 +284,6 @@ def test_unwritable_folder_is_one_sentence(command, tmp_path):
     blocked.write_text("")
     run = command("fmu", "--out", blocked / "sub")
     assert run.returncode == 2
-    assert len(run.stderr.strip().splitlines()) == 1
-    assert "choose another place" in run.stderr
+    # A compiler that takes long makes a line of progress, too.
+    (said,) = (line for line in run.stderr.splitlines() if line != "compiling …")
+    assert "choose another place" in said

@@ -32,7 +32,7 @@ def test_damaged_states_are_refused(array):
     assert motors.load(saved) == OK
 
 
-# Places in a state behind its token, in bytes: see Head in array_saving.c.
+# Places in a state behind its token, in bytes: see Head in array.c.
 TOKEN = 39
 FIELDS = {
     "time": (0, "=d", (np.nan, np.inf)), "owed": (8, "=d", (np.nan, 1.1e-11)),
