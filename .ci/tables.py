@@ -51,9 +51,6 @@ PICTURES = {
         "baselines", "scenario | learner", {"path × optimum": "on the grid",
         "× least time": "time in the dynamics × least time"}, "{learner}",
         "× optimum, 95 % intervals", "scenario", r"^\w+ "),
-    "certificates": Picture(
-        "certificates", "claim | 0", {str(k): f"{k} against it" for k in range(5)}, "{claim}",
-        "episodes until a certificate at 0.999999", logarithmic=True),
     "identification": Picture(
         "identification", "parameter | median error",
         {"median error": "median", "largest": "largest of 40 machines"}, "{parameter}",
@@ -61,9 +58,6 @@ PICTURES = {
     "performance": Picture(
         "performance", "figure | this run | three", {"this run": "this run"}, "{figure}", "ns",
         keep="_ns", logarithmic=True),
-    "shield": Picture(
-        "shield", "adversary | without", {"without": "without the shield", "contacts": "with it"},
-        "{adversary}", "contacts or off the board, of 1000 episodes"),
     "steering": Picture(
         "steering", "rad/s | forwards", {"forwards": "forwards", "backwards": "backwards"},
         "{rad/s} rad/s",

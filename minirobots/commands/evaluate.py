@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from agent.evaluation.claims import claim_of
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError
@@ -55,11 +54,11 @@ class Evaluate(Distributed, Simulating, Resumable):
         number = self.starts is None or (self.starts.isdecimal() and int(self.starts) > 0)
         if not number and self.starts != "all":
             raise ConfigError(f"--starts {self.starts} is neither 'all' nor a positive number")
-        claim_of(self.claim, self.confidence)
 
 
 def run(options: Evaluate, progress: Progress) -> Iterator[Any]:
     """Simulate missing episodes, record failures and successes, and print the results."""
+    from agent.evaluation.claims import claim_of
     from agent.study.evaluate import evaluate, show
 
     arguments = options.arguments(
