@@ -45,15 +45,9 @@ class Picture:
 
 
 PICTURES = {
-    "certificates": Picture(
-        "certificates", "claim | 0", {str(k): f"{k} against it" for k in range(5)}, "{claim}",
-        "episodes until a certificate at 0.999999", logarithmic=True),
     "performance": Picture(
         "performance", "figure | this run | three", {"this run": "this run"}, "{figure}", "ns",
         keep="_ns", logarithmic=True),
-    "shield": Picture(
-        "shield", "adversary | without", {"without": "without the shield", "contacts": "with it"},
-        "{adversary}", "contacts or off the board, of 1000 episodes"),
     "steering": Picture(
         "steering", "rad/s | forwards", {"forwards": "forwards", "backwards": "backwards"},
         "{rad/s} rad/s",

@@ -27,7 +27,7 @@ from agent.study.policies import name_of
 from agent.study.store import EpisodeStore
 from cosim.base.jobs import Workers
 from cosim.base.progress import Progress, silent
-from cosim.base.table import field
+from cosim.base.table import Column, field
 from cosim.base.table import show as show_table
 from cosim.model.outcome import ENDS, Outcome
 from cosim.model.world import World
@@ -38,8 +38,7 @@ Starts = int | Literal["all"] | None
 COLUMNS = (
     field("policy"),
     SCENARIO,
-    field("episodes"),
-    field("starts"),
+    Column("episodes", lambda r: f"{r.episodes}" if r.claim else f"{r.episodes} of {r.starts}"),
     *map(rate_column, ENDS),
     *MEASURES[1:3],
     PATH_RATIO,

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from agent.evaluation.claims import claim_of
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError
@@ -65,7 +64,6 @@ class Evaluate(Distributed, Simulating, Resumable):
         number = self.starts is None or (self.starts.isdecimal() and int(self.starts) > 0)
         if not number and self.starts != "all":
             raise ConfigError(f"--starts {self.starts} is neither 'all' nor a positive number")
-        claim_of(self.claim, self.confidence)
         if self.grid:
             of_grid = {"policies", "policy", "grid", "json"}
             if without := [name for name in _changed(self, Evaluate()) if name not in of_grid]:
@@ -82,6 +80,7 @@ def run(options: Evaluate, progress: Progress) -> Iterator[Any]:
     if options.grid:
         yield from _on_grid((*options.policies, *options.policy))
         return
+    from agent.evaluation.claims import claim_of
     from agent.study.evaluate import evaluate, show
 
     arguments = options.arguments(

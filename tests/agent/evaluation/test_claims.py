@@ -18,7 +18,6 @@ from cosim.base.jobs import Workers
 from cosim.model.outcome import ENDS, Outcome
 from cosim.simulation.options import SimulationOptions
 from cosim.simulation.result import EpisodeResult
-from minirobots.commands.evaluate import Evaluate
 
 SUCCESS = EpisodeResult(
     Outcome.SUCCESS, 1.5, 8.0, 9.0, None, ((0, 0),), (1.5, 1.5), 0.0, 7.0, 1.0, (0.5, 0.5), 0
@@ -74,11 +73,13 @@ def test_a_confidence_is_between_0_and_1(confidence):
         claim_of(TEXT, confidence)
 
 
-def test_options_that_cannot_be_are_refused(tmp_path, monkeypatch):
-    with pytest.raises(UserError, match=r"confidence = 0\.9 has no effect without a claim"):
-        Evaluate(policies=("p.npz",), confidence=0.9)
-    with pytest.raises(UserError, match="claim 'safe' is invalid"):
-        Evaluate(policies=("p.npz",), claim="safe")
+def test_options_that_cannot_be_are_refused(tmp_path, monkeypatch, command):
+    for options in (("--confidence", 0.9), ("--claim", TEXT, "--confidence", 1.0)):
+        done = command(
+            "evaluate", "shortest", "--scenario", "1a", *options, "--out", tmp_path / "o"
+        )
+        assert done.returncode == 2
+        assert done.stderr.startswith("error: confidence = ")
     monkeypatch.setattr("agent.study.user.simulate", lambda *_, **__: pytest.fail("simulated"))
     wrong: Any = (
         ({"confidence": 0.9}, "has no effect without a claim"),
@@ -90,7 +91,7 @@ def test_options_that_cannot_be_are_refused(tmp_path, monkeypatch):
     for options, message in wrong:
         with pytest.raises(UserError, match=message):
             evaluate("shortest", "1a", starts=1, out=tmp_path / "out", **options)
-    assert not (tmp_path / "out").exists()
+    assert not list(tmp_path.iterdir())
 
 
 def test_episodes_decide_in_their_order():
