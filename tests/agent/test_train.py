@@ -60,6 +60,9 @@ def test_train_then_evaluate(command, tmp_path):
         assert sum(rates) == pytest.approx(1.0)
         assert ours["failing_starts"] == round((1 - ours["success"]) * 900)
         assert len(ours["failures"]) == ours["failing_starts"]
+    status, _, errors = command("evaluate", "--grid", out, "--starts", 3, "--mu", 0.2)
+    assert (status, errors.count("\n")) == (2, 1)
+    assert "--mu" in errors and "--starts" in errors and "no effect with --grid" in errors
     means = [p["success"] for p in report["policies"]]
     assert report["over_policies"]["2"]["success"]["mean"] == pytest.approx(np.mean(means))
     status, _, errors = command("train", *options, "--seed", 1)

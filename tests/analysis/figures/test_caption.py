@@ -17,5 +17,5 @@ def test_what_is_no_caption_is_named(tmp_path):
     (tmp_path / "fig05.json").write_text("[]")
     (tmp_path / "fig07.json").write_text('{"figure": "fig07"')
     for figure in ("fig03", "fig05", "fig07"):
-        with pytest.raises(FigureError, match=rf"analysis\.figures {figure}"):
+        with pytest.raises(FigureError, match=f"minirobots figures {figure}"):
             read_caption(tmp_path, figure)
