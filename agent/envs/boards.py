@@ -135,11 +135,23 @@ class EnvBoards(Restorable, ABC):
         Raises:
             UserError: an option cannot be used; the boards are as they were.
         """
-        which, rows = board_options(options, self._begun(), *self.reset_options)
-        seeds = board_seeds(seed, len(which))
-        given = {m: self._checked(**rows[m]) for m in np.flatnonzero(which).tolist()}
-        self.seed([seed if begins else None for seed, begins in zip(seeds, which, strict=True)])
-        self._begin(given)
+        count, known = self.shape[0], known_options(options, *self.reset_options, "reset_mask")
+        given = {name: values for name, values in known.items() if values is not None}
+        for name, values in given.items():
+            sized = isinstance(values, list | tuple) or getattr(values, "ndim", 0)
+            if not sized or len(values) != count:
+                raise StartsError(
+                    f"{name} = {shown(values)}; give one to each of the {count} boards"
+                )
+        mask = taken("reset_mask", given.pop("reset_mask", [True] * count), list[bool], StartsError)
+        if not (np.array(mask) | self._begun()).all():
+            raise StartsError("reset_mask leaves out environments that have not begun; reset all")
+        seeds = board_seeds(seed, count)
+        which = np.flatnonzero(mask).tolist()
+        rows = {m: {k: v[m] for k, v in given.items() if v[m] is not None} for m in which}
+        checked = {m: self._checked(**row) for m, row in rows.items()}
+        self.seed([seed if begins else None for seed, begins in zip(seeds, mask, strict=True)])
+        self._begin(checked)
 
     def _begun(self) -> np.ndarray:
         """(K,) bool, boards that have begun an episode, or need none."""
@@ -389,39 +401,6 @@ def direction_spaces(
     """Return the spaces of a robot that observes features and chooses directions."""
     sizes = list(feature_sizes(scenario, process).values())
     return spaces.MultiDiscrete(sizes), spaces.Discrete(DIRECTION_COUNT)
-
-
-def board_options(
-    options: dict[str, Any] | None, begun: np.ndarray, *names: str
-) -> tuple[np.ndarray, list[dict[str, Any]]]:
-    """Return which boards begin again, (K,) bool, and the options of each board.
-
-    Args:
-        options: of `reset`; None is one that is not given.
-        begun: (K,) bool, boards that have begun an episode before.
-        names: of options that are allowed in addition to "reset_mask".
-
-    Raises:
-        StartsError: an option is unknown or not given for each board, or the mask leaves out a
-            board that has not begun.
-    """
-    rows: list[dict[str, Any]] = [{"reset_mask": True} for _ in begun]
-    for name, values in known_options(options, *names, "reset_mask").items():
-        if values is None:
-            continue
-        given = isinstance(values, list | tuple) or (isinstance(values, np.ndarray) and values.ndim)
-        if not given or len(values) != len(begun):
-            raise StartsError(
-                f"{name} = {shown(values)}; give one to each of the {len(begun)} boards"
-            )
-        for row, value in zip(rows, values, strict=True):
-            if value is not None:
-                row[name] = value
-    masks = [row.pop("reset_mask") for row in rows]
-    which = np.array(taken("reset_mask", masks, list[bool], StartsError))
-    if not (which | begun).all():
-        raise StartsError("reset_mask leaves out environments that have not begun; reset all")
-    return which, rows
 
 
 def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
