@@ -1,8 +1,7 @@
 """Intervals of rates and of means over runs, and the interquartile mean.
 
-`benchmarks.reliability.coverage` simulates how often the intervals cover. The interquartile mean is
-recommended for reinforcement learning by Agarwal et al., "Deep Reinforcement Learning at the Edge
-of the Statistical Precipice" (2021).
+The interquartile mean is recommended for reinforcement learning by Agarwal et al., "Deep
+Reinforcement Learning at the Edge of the Statistical Precipice" (2021).
 """
 
 import math
@@ -11,7 +10,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from scipy.stats import binomtest, norm, t
+from scipy.stats import binomtest, t
 
 CONFIDENCE = 0.95
 _OTHERS = 10  # runs that differ from the most frequent value, after which intervals cover
@@ -60,13 +59,6 @@ def rate(count: int, episodes: int) -> Rate:
     """Share of `count` among `episodes` (at least one) independent episodes."""
     interval = binomtest(count, episodes).proportion_ci(CONFIDENCE, method="wilson")
     return Rate(count / episodes, float(interval.low), float(interval.high))
-
-
-def rate_of_weights(share: float, worth: float) -> Rate:
-    """Return a share with its 95 % Wilson interval, by the standard error of `worth` episodes."""
-    z2 = float(norm.isf(_TAIL)) ** 2 / worth
-    centre, half = share + 0.5 * z2, math.sqrt(z2 * max(share * (1.0 - share), 0.0) + z2**2 / 4)
-    return Rate(share, (centre - half) / (1.0 + z2), (centre + half) / (1.0 + z2))
 
 
 def interval_text(

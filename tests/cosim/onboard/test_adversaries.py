@@ -1,5 +1,6 @@
 """Policies that want robots to collide do, without the shield, and do not with it."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -7,16 +8,67 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.reliability.adversaries import BLOCK, KINDS, Options, attack, lessons, simulate
-from cosim.base.errors import UserError
-from cosim.simulation.options import SimulationOptions, resolve
-from tests.references.colliding import REACH, Greedy, Learnt, arena
+from cosim.coupling.rl_step import Step, SupportsAct
+from cosim.model.outcome import Outcome
+from cosim.onboard.features import DIRECTION_COUNT
+from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.options import Setup, SimulationOptions, resolve
+from cosim.simulation.result import EpisodeResult
+from cosim.simulation.tasks import Task, simulate_tasks
+from tests.references.colliding import REACH, Greedy, Learnt, Random, arena, near_starts
+
+# s of their episodes
+KINDS = {"short": 2.0, "random": 3.0, "greedy": 4.0, "learnt": 4.0}
+LESSONS, LESSON_S = 60, 8.0  # episodes that the learnt begins with, without the shield
+
+
+def simulate(
+    setup: Setup,
+    policy: SupportsAct,
+    seeds: Sequence[np.random.SeedSequence],
+    watch: Callable[[Step, RunningEpisode, float], None],
+) -> list[EpisodeResult]:
+    """Episodes one batch after the other, so that a learner learns in one order."""
+    tasks = [
+        Task(setup.scenario, setup.fmu, setup.config, policy, starts, seed, watch=watch)
+        for seed in seeds
+        for starts in [near_starts(setup.scenario, np.random.default_rng(seed))]
+    ]
+    return [result for _, result in simulate_tasks(tasks, 1)]
 
 
 @pytest.fixture(scope="module")
-def table():
-    """What 60 episodes teach."""
-    return lessons(resolve(SimulationOptions(), arena(2)), episodes=60)
+def table() -> np.ndarray:
+    """What the episodes of robots that drive anywhere teach."""
+    setup = resolve(SimulationOptions(), arena(2))
+    timing = setup.config.timing._replace(episode_limit_s=LESSON_S)
+    root = np.random.SeedSequence(0)
+    random = Random(np.random.default_rng(root))
+    learner = Learnt(random.rng, np.zeros((2 * REACH + 1, 2 * REACH + 1, DIRECTION_COUNT)))
+    setup = setup._replace(config=replace(setup.config, timing=timing))
+    simulate(setup, random, root.spawn(LESSONS), lambda step, *_: learner.learn(step))
+    return learner.q
+
+
+def attack(kind: str, shield: bool, table: np.ndarray) -> tuple[list[EpisodeResult], int]:
+    """Results of 24 episodes, and how many moves the shield ended."""
+    setup = resolve(SimulationOptions(shield=shield), arena(2))
+    timing = setup.config.timing._replace(episode_limit_s=KINDS[kind])
+    setup = setup._replace(config=replace(setup.config, timing=timing))
+    root = np.random.SeedSequence(3)
+    rng = np.random.default_rng(root)
+    learnt = Learnt(rng, table.copy()) if kind == "learnt" else None
+    stops = 0
+
+    def watch(step: Step, episode: RunningEpisode, _: float) -> None:
+        nonlocal stops
+        if learnt:
+            learnt.learn(step)
+        if step.outcome:
+            stops += episode.shield_stops
+
+    policy = learnt or {"random": Random}.get(kind, Greedy)(rng)
+    return simulate(setup, policy, root.spawn(24), watch), stops
 
 
 @pytest.mark.slow
@@ -29,12 +81,6 @@ def test_lessons_lead_to_the_other_robot(table):
         away.append(table[tuple(offset)][(straight + 4) % 8])
     assert np.count_nonzero(toward) > 10
     assert np.sum(toward) > 0.0 > np.sum(away)
-
-
-def test_one_kind_has_its_episodes_of_all(tmp_path):
-    options = Options(kinds=("random",), jobs=1, out=tmp_path)
-    (block,) = attack(options, True, BLOCK + 1)
-    assert (block.number, block.kind, block.episodes) == (1, "random", 1)
 
 
 def test_nothing_is_learnt_from_waiting():
@@ -50,27 +96,14 @@ def test_nothing_is_learnt_from_waiting():
     assert [tuple(entry) for entry in np.argwhere(learner.q)] == [(0, REACH, 3)]
 
 
-def test_kinds_without_episodes_are_refused(tmp_path):
-    with pytest.raises(UserError, match="no block of learnt; ask for 1000"):
-        attack(Options(kinds=("learnt",), jobs=1, out=tmp_path), True, BLOCK)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind == "short")) for kind in KINDS]
 )
 def test_the_shield_holds_them_off(kind, table):
-    blocks = []
-    for shield in (False, True):
-        setup = resolve(SimulationOptions(shield=shield), arena(2))
-        timing = setup.config.timing._replace(episode_limit_s=KINDS[kind])
-        mine = setup._replace(config=replace(setup.config, timing=timing))
-        blocks.append(simulate(3, kind, 24, mine, table))
-    without, with_shield = blocks
-    assert without.contacts > 0
-    assert with_shield.contacts == with_shield.off_board == 0
-    assert with_shield.least_gap_mm > 0.0
-    assert with_shield.stops > 0
-    again = simulate(3, kind, 24, mine, table)
-    assert again == with_shield
-    assert np.isfinite(table).all()
+    without, _ = attack(kind, False, table)
+    assert Outcome.COLLISION in [result.outcome for result in without]
+    results, stops = attack(kind, True, table)
+    assert {result.outcome for result in results} == {Outcome.TIMEOUT}
+    assert min(result.min_distance_cm or 0.0 for result in results) > 5.0
+    assert stops > 0
