@@ -51,9 +51,6 @@ PICTURES = {
         "baselines", "scenario | learner", {"path × optimum": "on the grid",
         "× least time": "time in the dynamics × least time"}, "{learner}",
         "× optimum, 95 % intervals", "scenario", r"^\w+ "),
-    "certificates": Picture(
-        "certificates", "claim | 0", {str(k): f"{k} against it" for k in range(5)}, "{claim}",
-        "episodes until a certificate at 0.999999", logarithmic=True),
     "identification": Picture(
         "identification", "parameter | median error",
         {"median error": "median", "largest": "largest of 40 machines"}, "{parameter}",
@@ -61,9 +58,6 @@ PICTURES = {
     "performance": Picture(
         "performance", "figure | this run | three", {"this run": "this run"}, "{figure}", "ns",
         keep="_ns", logarithmic=True),
-    "shield": Picture(
-        "shield", "adversary | without", {"without": "without the shield", "contacts": "with it"},
-        "{adversary}", "contacts or off the board, of 1000 episodes"),
     "steering": Picture(
         "steering", "rad/s | forwards", {"forwards": "forwards", "backwards": "backwards"},
         "{rad/s} rad/s",
@@ -83,12 +77,11 @@ PICTURES = {
 
 @dataclass(frozen=True)
 class Point:
-    """A value of a table with its interval; `open` where the table says "more than" it."""
+    """A value of a table with its interval."""
 
     value: float
     low: float
     high: float
-    open: bool
 
 
 def _number(text: str) -> float:
@@ -97,7 +90,7 @@ def _number(text: str) -> float:
 
 def point(cell: str) -> Point | None:
     """Return what a cell says, or nothing if it begins with no number."""
-    text = cell.removeprefix("more than ").lstrip("*")
+    text = cell.lstrip("*")
     if (start := re.match(NUMBER, text)) is None:
         return None
     value = _number(start[1])
@@ -106,7 +99,7 @@ def point(cell: str) -> Point | None:
         low, high = map(_number, between.groups())
     elif around := AROUND.search(text):
         low, high = value - _number(around[1]), value + _number(around[1])
-    return Point(value, low, high, text != cell.lstrip("*"))
+    return Point(value, low, high)
 
 
 def read_rows(picture: Picture) -> list[dict[str, str]]:
@@ -162,7 +155,7 @@ def draw(name: str, file: Path) -> None:
                 bar = [[p.value - p.low], [p.high - p.value]]
                 axes.errorbar(
                     p.value, place, xerr=bar, color=f"C{number}", ms=4, capsize=2,
-                    fmt=MARKERS[number], mfc="white" if p.open else f"C{number}",
+                    fmt=MARKERS[number],
                 )  # fmt: skip
             axes.plot([], [], MARKERS[number], color=f"C{number}", ms=4, label=legend)
         names = [picture.label.format_map(row).replace("`", "") for row in chosen]

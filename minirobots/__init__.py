@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from agent import load, train
-    from agent.certification.certify import certify
     from agent.study.user import evaluate, study
     from agent.training.policy import Policy
     from analysis import open  # noqa: A004 - to be called as minirobots.open
@@ -31,7 +30,6 @@ __all__ = [
     "UserError",
     "World",
     "__version__",
-    "certify",
     "evaluate",
     "load",
     "open",
@@ -48,7 +46,6 @@ _MODULES = {
     "SystemVectorEnv": "cosim.system.env",
     "UserError": "cosim",
     "World": "cosim",
-    "certify": "agent.certification.certify",
     "evaluate": "agent.study.user",
     "load": "agent",
     "open": "analysis",

@@ -18,19 +18,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.certification.certify import certify_case
-from agent.certification.claims import parse_claim
-from agent.certification.collisions import estimate_collisions
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.outcomes import summary
 from agent.mdp.config import ProcessConfig
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import observe_moves
-from agent.study.store import ResultFile
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
-from cosim.base.jobs import Workers
 from cosim.calibration.cache import find_calibration
 from cosim.calibration.shielding import with_stopping_distance
 from cosim.coupling.rl_step import Step, SupportsAct
@@ -48,7 +43,6 @@ from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import Task, simulate_tasks
 from fmus.build import cached_fmu
 
-ONE = Workers(jobs=1)
 EXPECTED = Path(__file__).with_name("digests.json")
 LEARNERS = {
     "1a": ("1a", LearningConfig(episodes=4000)),
@@ -217,7 +211,7 @@ def _of_calibration() -> Iterator[tuple[str, str]]:
     yield "shield", _digest(with_stopping_distance(config, fmu).shield)
 
 
-def _of_studies(folder: Path) -> Iterator[tuple[str, str]]:
+def _of_studies() -> Iterator[tuple[str, str]]:
     learner = PolicyConfig(NEAR, ProcessConfig(), LearningConfig(episodes=5000), Seed(0))
     config = _limited(replace(CONFIG, world=WORLDS["unequal motors"]), 6.0)
     case = Case(train_policy(learner)[0], config, cached_fmu(), 0)
@@ -229,18 +223,6 @@ def _of_studies(folder: Path) -> Iterator[tuple[str, str]]:
     # without intervals, which special functions of a library give
     kept = {k: v for k, v in report.items() if not k.endswith(("_low", "_high"))}
     yield "summary", _digest(kept)
-    claim = parse_claim("collision < 0.5")
-    evidence = certify_case(
-        case, claim, 0.9, folder / "certificate", episodes=3, where=ONE
-    ).evidence
-    yield "certificate", _digest(evidence.episodes, evidence.against, evidence.outcomes)
-    rows = ResultFile(folder / "certificate", case).results
-    yield "certificate rows", _digest([[k, _of_result(rows[k])] for k in sorted(rows)])
-    split = estimate_collisions(
-        case, folder / "splitting", roots=2, branches=3, gaps_mm=(12.0, 8.0), where=ONE
-    )
-    levels = [[level.gap_mm, level.probability] for level in split.levels]
-    yield "splitting", _digest(split.simulated, split.collision, levels)
 
 
 @pytest.mark.parametrize("kind", ["learning", "moves", "worlds", "calibration", "studies"])
@@ -251,7 +233,7 @@ def test_bits_are_those_committed(kind, tmp_path, straight_policy, monkeypatch):
         "moves": lambda: _of_moves(tmp_path),
         "worlds": lambda: _of_worlds(straight_policy),
         "calibration": _of_calibration,
-        "studies": lambda: _of_studies(tmp_path),
+        "studies": _of_studies,
     }[kind]
     found, expected = dict(made()), json.loads(EXPECTED.read_text("utf-8"))
     if os.environ.get("DIGESTS") == "write":

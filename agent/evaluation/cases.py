@@ -73,23 +73,23 @@ class Case:
         """(K, N, 2) int64, see `agent.mdp.exact.joint_starts`."""
         return joint_starts(self.policy.process)
 
-    def sample(self, count: int | None) -> list[int]:
+    def sample(self, count: int) -> list[int]:
         """Distinct indices of starts in an order drawn with the seed.
 
         A smaller sample is the beginning of a larger one, and whatever was simulated of a sample
         is a sample itself.
 
         Args:
-            count: how many; None for all.
+            count: how many.
 
         Raises:
             UserError: there are fewer.
         """
         available = len(self.starts)
-        if count is not None and count > available:
+        if count > available:
             raise UserError(
                 f"scenario {self.policy.config.scenario.name} has only {available} starts, "
-                f"not {count}; ask for at most that many, or for all"
+                f"not {count}; ask for at most that many"
             )
         return self._order()[:count]
 

@@ -103,7 +103,7 @@ def _ratios_to_grid(case: Case, successes: Mapping[int, EpisodeResult]) -> np.nd
     policy = case.policy
     if not isinstance(policy, GreedyPolicy):
         return np.full(len(successes), np.nan)
-    grid = policy.evaluate(case.starts[list(successes)])
+    grid = policy.evaluate(case.starts[[index % len(case.starts) for index in successes]])
     cell_cm = 100.0 * policy.config.scenario.cell_m
     expected = cell_cm * grid.path_cells.mean(axis=1)
     expected[grid.outcome != SUCCESS] = np.nan

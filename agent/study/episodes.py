@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
 from agent.evaluation.cases import Case, Job, run_jobs
+from agent.evaluation.claims import Claim, JudgedClaim
 from agent.evaluation.outcomes import Failure, Measured, failures, summary
 from agent.evaluation.statistics import Interval, interval_text
 from agent.study.policies import name_of, policy_of
@@ -107,25 +109,48 @@ class StudyLine:
         case: policy and configuration.
         indices: of the starts, see `Case.sample`.
         labels: what else names the row, by field of the row.
+        claim: statement about the policy; the row ends with the episode that decides it.
+
+    Raises:
+        UserError: the claim is about episodes that do not end where robots collide.
     """
 
     case: Case
     indices: list[int]
     labels: dict[str, Any] = field(default_factory=dict)
+    claim: Claim | None = None
+
+    def __post_init__(self) -> None:
+        if self.claim is not None and self.case.config.on_collision != "end":
+            raise UserError(
+                "a claim is about episodes that end where robots collide; leave out --on-collision "
+                "continue"
+            )
 
     def jobs(self) -> list[Job]:
         """Return the episodes, the first ones of the sample first."""
         return [Job(self.case, index) for index in self.indices]
 
+    def known(self, store: EpisodeStore) -> dict[int, EpisodeResult]:
+        """Return the completed prefix of the sample."""
+        return store.file(self.case).completed_prefix(self.indices)
+
+    def results(self, store: EpisodeStore) -> dict[int, EpisodeResult]:
+        """Return the episodes that count: the completed prefix, up to the decision of the claim."""
+        known = self.known(store)
+        count = None if self.claim is None else self.claim.judge(known.values()).episodes
+        return dict(islice(known.items(), count))
+
     def row(self, store: EpisodeStore, form: type[Row], recordings: Mapping[int, Path] = {}) -> Row:
-        """Return the row of the completed prefix of the sample.
+        """Return the row of the episodes that count.
 
         Args:
             store: of the episodes.
             form: of the row; its further fields are the labels.
             recordings: of some of the episodes, by index of the start.
         """
-        case, results = self.case, store.file(self.case).completed_prefix(self.indices)
+        case, results = self.case, self.results(store)
+        judged = {"claim": self.claim.judge(results.values())} if self.claim else {}
         failed = tuple(
             msgspec.structs.replace(failure, recording=str(recordings[failure.index]))
             if failure.index in recordings
@@ -145,23 +170,57 @@ class StudyLine:
                 "digest": case.digest,
                 "failing_starts": len(failed),
                 "failures": failed,
+                **judged,
                 **self.labels,
             },
         )
 
 
 def simulate(
-    lines: Iterable[StudyLine],
+    lines: Sequence[StudyLine],
     store: EpisodeStore,
     where: Workers,
     *,
     may_begin: Callable[[], bool] = always,
     progress: Progress = silent,
 ) -> None:
-    """Simulate the missing episodes of all rows at once, so that rows share batches."""
-    jobs = [job for line in lines for job in line.jobs()]
+    """Simulate the missing episodes of all rows at once, so that rows share batches.
+
+    Rows with a claim follow one by one, each until its claim is decided.
+    """
+    jobs = [job for line in lines if line.claim is None for job in line.jobs()]
     for _ in run(jobs, store, EPISODES, where, may_begin=may_begin, progress=progress):
         pass
+    for line in lines:
+        if line.claim is not None:
+            _until_decided(line, line.claim, store, where, may_begin, progress)
+
+
+def _until_decided(
+    line: StudyLine,
+    claim: Claim,
+    store: EpisodeStore,
+    where: Workers,
+    may_begin: Callable[[], bool],
+    progress: Progress,
+) -> None:
+    """Simulate missing episodes of a row in their order until its claim is decided."""
+
+    def judge() -> JudgedClaim:
+        return claim.judge(line.known(store).values())
+
+    def undecided() -> bool:
+        return judged.verdict == "undecided" and may_begin()
+
+    judged = judge()
+    while undecided():
+        jobs = [job for job in line.jobs()[: judged.enough] if store.find(job) is None]
+        if not jobs:
+            return
+        for _, result in run(jobs, store, EPISODES, where, may_begin=undecided, progress=progress):
+            if result.outcome in claim.against:
+                judged = judge()
+        judged = judge()
 
 
 def record(

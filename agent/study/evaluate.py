@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from agent.evaluation.claims import Claim, JudgedClaim
 from agent.evaluation.grid import policy_files, show_failures
 from agent.study.episodes import (
     MEASURES,
@@ -37,7 +38,7 @@ Starts = int | Literal["all"] | None
 COLUMNS = (
     field("policy"),
     SCENARIO,
-    Column("episodes", lambda row: f"{row.episodes} of {row.starts}"),
+    Column("episodes", lambda r: f"{r.episodes}" if r.claim else f"{r.episodes} of {r.starts}"),
     *map(rate_column, ENDS),
     *MEASURES[1:3],
     PATH_RATIO,
@@ -52,11 +53,13 @@ class PolicyRow(EpisodesRow, frozen=True, kw_only=True):
     Attributes:
         policy: its name or file.
         recordings, results: files.
+        claim: with its verdict and evidence, if there is one.
     """
 
     policy: str
     recordings: tuple[str, ...] = ()
     results: str
+    claim: JudgedClaim | None = None
 
 
 class EvaluationReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -79,6 +82,7 @@ def evaluate(
     seed: int = 0,
     scenario: str | None = None,
     recordings: int = 3,
+    claim: Claim | None = None,
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> EvaluationReport:
@@ -90,10 +94,14 @@ def evaluate(
     store, lines = EpisodeStore(out), []
     for policy in policy_files(policies):
         case = case_of(policy, physics, seed, scenario, progress=progress)
-        wanted = min(STARTS, len(case.starts)) if starts is None else starts
-        indices = case.sample(None if wanted == "all" else wanted)
+        available = len(case.starts)
+        if starts == "all" or (starts is None and claim):
+            wanted = available
+        else:
+            wanted = min(STARTS, available) if starts is None else starts
+        indices = case.rounds(wanted) if claim else case.sample(wanted)
         labels = {"policy": name_of(policy), "results": str(store.file(case).path)}
-        lines.append(StudyLine(case, indices, labels))
+        lines.append(StudyLine(case, indices, labels, claim))
     simulate(lines, store, where, progress=progress)
     chosen = [(line.case, _to_record(line, store, recordings)) for line in lines]
     rows = []
@@ -113,16 +121,19 @@ def evaluate(
 
 def _to_record(line: StudyLine, store: EpisodeStore, count: int) -> list[int]:
     """Return the first failures and successes of a sample."""
-    results = store.file(line.case).results
-    failed = [k for k in line.indices if results[k].outcome != Outcome.SUCCESS]
-    succeeded = [k for k in line.indices if results[k].outcome == Outcome.SUCCESS]
+    results = line.results(store)
+    failed = [k for k, result in results.items() if result.outcome != Outcome.SUCCESS]
+    succeeded = [k for k, result in results.items() if result.outcome == Outcome.SUCCESS]
     return failed[:count] + succeeded[:count]
 
 
 def show(report: EvaluationReport) -> None:
     """Print a report as tables: outcomes with 95 % intervals, measures, the first failing starts.
 
-    Path, rotation, time and energy are means of successes.
+    Path, rotation, time and energy are means of successes. Verdicts on claims come last.
     """
     show_table(COLUMNS, report.policies, names=2, title="outcomes with 95 % intervals")
     show_failures(report.policies)
+    for row in report.policies:
+        if row.claim is not None:
+            print(f"{row.claim.verdict} for {row.policy}: {row.claim}")

@@ -7,10 +7,10 @@ people and as a check.
 import contextlib
 import errno
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from itertools import takewhile
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import msgspec
 
@@ -22,7 +22,6 @@ from cosim.base.table import write_parquet
 from cosim.simulation.result import EpisodeResult
 
 SCHEMA_VERSION = 1
-Row = TypeVar("Row", bound=msgspec.Struct)
 
 
 class Header(CaseIdentity, frozen=True, kw_only=True):
@@ -30,6 +29,19 @@ class Header(CaseIdentity, frozen=True, kw_only=True):
 
     digest: str
     schema_version: int = SCHEMA_VERSION
+
+
+class IndexedResult(EpisodeResult, frozen=True, kw_only=True):
+    """A line: the episode from the start of an index."""
+
+    index: int
+
+    @property
+    def result(self) -> EpisodeResult:
+        """The episode without its index."""
+        row = msgspec.structs.asdict(self)
+        del row["index"]
+        return EpisodeResult(**row)
 
 
 class ResultFileError(UserError):
@@ -40,13 +52,12 @@ _LONGEST = 2**20  # bytes, far above what is written here
 _FILE = Kind("file of results", "move it away or choose another --out", ResultFileError)
 
 
-class RowFile(Generic[Row]):
-    """Rows of one kind. Reading them changes nothing on disk; the first `append` makes the file.
+class RowFile:
+    """Rows of a case. Reading them changes nothing on disk; the first `append` makes the file.
 
     Args:
         path: of the file.
         header: what the rows belong to; None for what the file says, to read it.
-        form: of a row.
 
     Attributes:
         path: of the file.
@@ -57,10 +68,10 @@ class RowFile(Generic[Row]):
         ResultFileError: the file belongs to something else, or is damaged other than at its end.
     """
 
-    def __init__(self, path: Path, header: Header | None, form: type[Row]) -> None:
+    def __init__(self, path: Path, header: Header | None) -> None:
         # Absolute, as loading an FMU in another thread changes the working directory for a moment.
-        self.path, self.header, self._form = path.absolute(), header, form
-        self.rows: list[Row] = []
+        self.path, self.header = path.absolute(), header
+        self.rows: list[IndexedResult] = []
         self._whole = self._size = 0
         if path.exists():
             self._read()
@@ -76,7 +87,7 @@ class RowFile(Generic[Row]):
                 number += 1
                 try:
                     if number > 1:
-                        self.rows.append(msgspec.json.decode(line, type=self._form))
+                        self.rows.append(msgspec.json.decode(line, type=IndexedResult))
                         continue
                     header = msgspec.json.decode(line, type=Header)
                 except Exception as error:  # whatever a line may be
@@ -93,7 +104,7 @@ class RowFile(Generic[Row]):
                 raise ResultFileError(f"{self.path}: not a {_FILE.name}; {_FILE.fix}")
             self._size = self._whole + len(line)
 
-    def append(self, row: Row) -> None:
+    def append(self, row: IndexedResult) -> None:
         """Keep a row: in one write, so that a killed process leaves whole lines.
 
         Raises:
@@ -123,29 +134,6 @@ def _line(row: msgspec.Struct) -> bytes:
     return msgspec.json.encode(row) + b"\n"
 
 
-def completed_prefix(
-    results: Mapping[int, EpisodeResult], indices: Iterable[int]
-) -> dict[int, EpisodeResult]:
-    """Return the completed prefix of a sample of starts, by index of the start.
-
-    What ends first is no sample: an episode counts when all before it are known.
-    """
-    return {k: results[k] for k in takewhile(results.__contains__, indices)}
-
-
-class IndexedResult(EpisodeResult, frozen=True, kw_only=True):
-    """A line: the episode from the start of an index."""
-
-    index: int
-
-    @property
-    def result(self) -> EpisodeResult:
-        """The episode without its index."""
-        row = msgspec.structs.asdict(self)
-        del row["index"]
-        return EpisodeResult(**row)
-
-
 class ResultFile:
     """Episodes of one case.
 
@@ -162,16 +150,15 @@ class ResultFile:
         self.case = case
         self.path = folder / f"{case.policy.config.scenario.name}-{case.digest}.jsonl"
         header = Header(**msgspec.structs.asdict(case.identity), digest=case.digest)
-        self._file = RowFile(self.path, header, IndexedResult)
+        self._file = RowFile(self.path, header)
         self.results = {row.index: row.result for row in self._file.rows}
 
-    def missing(self, indices: Iterable[int]) -> list[Job]:
-        """Return the episodes of a sample of starts that are not there yet."""
-        return [Job(self.case, k) for k in indices if k not in self.results]
-
     def completed_prefix(self, indices: Iterable[int]) -> dict[int, EpisodeResult]:
-        """See `completed_prefix`."""
-        return completed_prefix(self.results, indices)
+        """Return the completed prefix of a sample of starts, by index of the start.
+
+        What ends first is no sample: an episode counts when all before it are known.
+        """
+        return {k: self.results[k] for k in takewhile(self.results.__contains__, indices)}
 
     def add(self, index: int, result: EpisodeResult) -> None:
         """Keep a result."""
@@ -221,7 +208,7 @@ def export(folder: Path, path: Path) -> None:
     """
     rows: list[dict[str, Any]] = []
     for file in sorted(folder.glob("*.jsonl")):
-        found = RowFile(file, None, IndexedResult)
+        found = RowFile(file, None)
         of_case = msgspec.structs.asdict(found.header) if found.header else {}
         of_case |= of_case.pop("parameters", {})
         rows += [of_case | msgspec.structs.asdict(row) for row in found.rows]

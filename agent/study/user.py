@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 from matplotlib.figure import Figure
 
+from agent.evaluation.claims import JudgedClaim, claim_of
 from agent.mdp.exact import joint_starts
 from agent.study.episodes import (
     MEASURES,
@@ -54,11 +55,13 @@ class StudyRow(EpisodesRow, frozen=True, kw_only=True):
         policy: its name.
         options: values of the axes, by name.
         results: its episodes, by index of the start.
+        claim: with its verdict and evidence, if there is one.
     """
 
     policy: str
     options: dict[str, Any]
     results: dict[int, EpisodeResult]
+    claim: JudgedClaim | None = None
 
     def __repr__(self) -> str:
         """Return what an interactive session shows: the row's table, and not its episodes."""
@@ -75,7 +78,7 @@ class StudyRow(EpisodesRow, frozen=True, kw_only=True):
     def record(self) -> dict[str, Any]:
         """Return the row without single episodes: its names and its measurements."""
         row = msgspec.structs.asdict(self)
-        for name in ("options", "results", "failures"):
+        for name in ("options", "results", "failures", "claim"):
             del row[name]
         return self.labels() | {name: v for name, v in row.items() if name not in self.options}
 
@@ -102,7 +105,9 @@ class StudyTable:
     def columns(self) -> Columns:
         """Columns of the table as text."""
         axes = [Column(n, lambda row, n=n: _text(row.options[n])) for n in self.axes]
-        return (field("policy"), SCENARIO, *axes, *OUTCOMES, *MEASURES)
+        claims = {row.claim.text for row in self.rows if row.claim}
+        verdicts = [Column(text, lambda row: row.claim.verdict) for text in claims]
+        return (field("policy"), SCENARIO, *axes, *verdicts, *OUTCOMES, *MEASURES)
 
     def to_markdown(self) -> str:
         """Return the table as Markdown."""
@@ -163,7 +168,10 @@ class StudyTable:
         path = Path(taken("path", path, Path))
         match path.suffix:
             case ".json":
-                rows = [row.record() | {"failures": row.failures} for row in self.rows]
+                rows = [
+                    row.record() | {"failures": row.failures, "claim": row.claim}
+                    for row in self.rows
+                ]
                 write_json(path, {"seed": self.seed, "axes": self.axes, "rows": rows})
             case ".md":
                 write_whole(path, self.to_markdown() + "\n")
@@ -193,6 +201,8 @@ def study(
     scenario: Any = None,
     *,
     episodes: int = 50,
+    claim: str | None = None,
+    confidence: float | None = None,
     seed: int = 0,
     world: Any = None,
     out: str | Path | None = None,
@@ -216,7 +226,10 @@ def study(
             "module:Name", or any objects with `act(observation)`.
         scenario: name, file or record, or a list of them; by default that of every policy's file.
         episodes: of every row, from a sample of starts that all rows of a scenario share; all
-            starts where there are fewer.
+            starts where there are fewer, or with a claim these again, each time with other noise.
+        claim: "RATE < p" or "RATE > p" about every row, with the rate of collision, out_of_board,
+            timeout, failure or success. A row ends with the episode that certifies or refuses it.
+        confidence: least probability that a verdict is right, by default 0.999.
         seed: of training, of the sample of starts and of what episodes draw.
         world: world file, record or dict of its fields, or a list of them.
         out: folder of the rows, from which the same study resumes, and of the tables study.json,
@@ -236,7 +249,7 @@ def study(
     Raises:
         UserError: see its message.
     """
-    report = progress or silent
+    report, judged = progress or silent, claim_of(claim, confidence)
     where = Workers(jobs=jobs, backend=backend, address=address)
     named = _named(policies)
     scenarios = scenario if isinstance(scenario, list | tuple) else [scenario]
@@ -263,8 +276,10 @@ def study(
         acting = found.get((name, only)) or policy_of(policy, only, seed=seed, progress=report)
         found[name, only] = acting
         case = case_of(acting, setup, seed, board, world=declared, name=name, progress=report)
-        indices = case.sample(min(episodes, len(case.starts)))
-        lines.append(StudyLine(case, indices, {"policy": name, "options": chosen, "results": {}}))
+        available = len(case.starts)
+        indices = case.rounds(episodes) if judged else case.sample(min(episodes, available))
+        labels = {"policy": name, "options": chosen, "results": {}}
+        lines.append(StudyLine(case, indices, labels, judged))
     unrecognizable = [
         name for (name, _), policy in found.items() if not getattr(policy, "recognizable", True)
     ]
@@ -277,9 +292,7 @@ def study(
     store = EpisodeStore(None if folder is None or unrecognizable else folder / "results")
     simulate(lines, store, where, may_begin=until(budget_minutes), progress=report)
     rows = tuple(
-        msgspec.structs.replace(
-            line.row(store, StudyRow), results=store.file(line.case).completed_prefix(line.indices)
-        )
+        msgspec.structs.replace(line.row(store, StudyRow), results=line.results(store))
         for line in lines
     )
     table = StudyTable(rows, tuple(axes), seed)
@@ -346,7 +359,9 @@ def evaluate(
     policy: Any,
     scenario: str | Path | Scenario | None = None,
     *,
-    starts: int = 20,
+    starts: int | None = None,
+    claim: str | None = None,
+    confidence: float | None = None,
     progress: Progress | None = automatic,
     **options: Any,
 ) -> StudyRow:
@@ -359,23 +374,28 @@ def evaluate(
     >>> row = mr.evaluate(Upwards(), "1a", starts=4, time_limit=40, progress=None)
     >>> row.episodes, row.success, len(row.failures)
     (4, 0.0, 4)
+    >>> row = mr.evaluate("shortest", "1a", claim="success > 0.5", confidence=0.6, progress=None)
+    >>> row.claim.verdict, row.claim.episodes
+    ('certified', 3)
 
     Args:
         policy: file, name of a method, "module:Name", or any object with `act(observation)`.
         scenario: name, file or record; by default that of the policy's file.
-        starts: how many to sample without replacement.
+        starts: how many to sample without replacement, by default 20. With a claim by default all,
+            and if it is more than there are they begin again, each time with other noise.
+        claim, confidence: see `study`.
         progress: see `study`.
         options: `seed`, `world`, `jobs`, `backend`, `out` and others of `study`, and those of
             `minirobots run`, such as `mu`; one value each.
 
     Returns:
-        Rates with their 95 % Wilson intervals, means, `failures`, and `results`, which are the
-        episodes by index of the start.
+        Rates with their 95 % Wilson intervals, means, `failures`, `results`, which are the episodes
+        by index of the start, and `claim`, with its verdict and evidence.
 
     Raises:
         UserError: see its message.
     """
-    if taken("starts", starts, int) < 1:
+    if starts is not None and taken("starts", starts, int) < 1:
         raise ConfigError(f"starts = {starts} must be at least 1")
     if "episodes" in options:
         raise ConfigError("evaluate has no option episodes; give starts, an episode each")
@@ -384,12 +404,14 @@ def evaluate(
         raise ConfigError("evaluate takes one value of each option; study takes several")
     only = None if scenario is None else find_in_world(scenario, options.get("world"))[0]
     found = policy_of(policy, only, seed=options.get("seed", 0), progress=progress or silent)
-    if starts > (available := len(joint_starts(found.process))):
+    available = len(joint_starts(found.process))
+    if starts is None:
+        starts = available if claim is not None else min(20, available)
+    elif claim is None and starts > available:
         name = found.config.scenario.name
         raise ConfigError(f"starts = {starts}: scenario {name} has only {available}; ask for less")
-    table = study(
-        {name_of(policy): policy}, scenario, episodes=starts, progress=progress, **options
-    )
+    options |= {"claim": claim, "confidence": confidence, "progress": progress}
+    table = study({name_of(policy): policy}, scenario, episodes=starts, **options)
     (row,) = table.rows
     return row
 

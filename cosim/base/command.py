@@ -7,7 +7,6 @@ Modules with commands import only what their options need; `main` imports the re
 import contextlib
 import io
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, cast
 
@@ -116,18 +115,6 @@ def require_at_least(least: int, **options: float | None) -> None:
             raise UserError(f"--{name.replace('_', '-')} must {must}")
         if value is not None and value >= MAX_SEED:
             raise UserError(f"--{name.replace('_', '-')} must be below 2**63")
-
-
-def require_falling(**options: Sequence[float]) -> None:
-    """Refuse numbers that do not fall, or are not above 0.
-
-    Raises:
-        UserError: it names the first option with such numbers.
-    """
-    for name, values in options.items():
-        falling = sorted(set(values), reverse=True)
-        if list(values) != falling or not all(0.0 < value < 1e4 for value in values):
-            raise UserError(f"--{name} must be positive and decreasing")
 
 
 def print_json(content: Any) -> None:

@@ -115,7 +115,8 @@ class RunningEpisode:
             self._estimates[robot, POSE : POSE + 3] = x, y, facing
             headings_rad[robot] = facing
         self._detours = generator(seed, DETOUR_CHILD)
-        self.draw_from(seed)
+        self.noise = noise_generators(seed, n)
+        self._cameras = [generator(seed, CAMERA_CHILD + robot) for robot in range(n)]
         self._step = self._tick = 0
         self.conflicts = 0
         self._arrived = np.zeros(n, dtype=bool)
@@ -141,12 +142,6 @@ class RunningEpisode:
         """Everything but the columns, which `bind` gives to a copy."""
         views = ("_bodies", "_commands", "_estimates", "_shields", "_events", "_speeds")
         return {name: value for name, value in vars(self).items() if name not in views}
-
-    def draw_from(self, seed: np.random.SeedSequence) -> None:
-        """Draw speed noise and camera frames from a seed from now on; the world stays as drawn."""
-        n = self.scenario.robots
-        self.noise = noise_generators(seed, n)
-        self._cameras = [generator(seed, CAMERA_CHILD + robot) for robot in range(n)]
 
     @property
     def time_s(self) -> float:

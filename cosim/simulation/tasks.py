@@ -9,9 +9,9 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -77,8 +77,6 @@ class Task:
         watch: sees every RL step, the episode, and the wall-clock time that it took so far, in s.
         driver: of the co-simulation.
         sampled: indices of the robots with kept signals, see `RunningEpisode`.
-        redrawn: RL steps from the start of which speed noise and frames come from another seed,
-            by their numbers; a recording does not tell.
     """
 
     scenario: Scenario
@@ -91,7 +89,6 @@ class Task:
     watch: Callable[[Step, RunningEpisode, float], None] = lambda step, episode, wall_s: None
     driver: str = "compiled"
     sampled: tuple[int, ...] | None = None
-    redrawn: Mapping[int, np.random.SeedSequence] = field(default_factory=dict)
 
     @property
     def origin(self) -> EpisodeOrigin:
@@ -150,7 +147,6 @@ class ActiveEpisode:
         self.number = number
         self._task = task
         self._wall_s = 0.0
-        self._steps = 0
         kind = DrivenEpisode if drives(task.policy) else RunningEpisode
         self.episode = batch.begin(
             place, task.scenario, task.starts, task.seed, task.config, kind, task.sampled
@@ -164,15 +160,12 @@ class ActiveEpisode:
 
     def act(self) -> np.ndarray:
         """Return what the policy decides: (N,) direction indices, or (N, 2) set points."""
-        if (seed := self._task.redrawn.get(self._steps)) is not None:
-            self.episode.draw_from(seed)
         self._decision = self.episode.ask(self._task.policy)
         return self._decision.action
 
     def take(self, step: Step, wall_s: float) -> None:
         """Watch and record an RL step that took so long."""
         self._wall_s += wall_s
-        self._steps += 1
         self._task.watch(step, self.episode, self._wall_s)
         if self._recorder is not None:
             parts = getattr(self._task.policy, "reward_parts", None)

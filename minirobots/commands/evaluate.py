@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -10,6 +10,9 @@ from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError
 from minirobots.options import Distributed, Folder, NotNegative, Resumable, Seed, Simulating
+
+if TYPE_CHECKING:
+    from agent.study.evaluate import EvaluationReport
 
 
 class Evaluate(Distributed, Simulating, Resumable):
@@ -29,7 +32,15 @@ class Evaluate(Distributed, Simulating, Resumable):
     """A policy as above; repeat it for several."""
     starts: str | None = None
     """Number of starts to sample without replacement, or 'all' (1a 30, 1b 116, pairs 900, those
-    that start on one side 600); by default 50, or all where there are fewer."""
+    that start on one side 600); by default 50, or all where there are fewer. With --claim the
+    maximum number of episodes, by default all starts; more than that begin again with the first
+    start, each time with other noise."""
+    claim: str | None = None
+    """Claim to certify or refuse, such as 'collision < 1e-2': RATE < p or RATE > p with the rate of
+    collision, out_of_board, timeout, failure or success. The evaluation ends with the episode that
+    decides it; the exit status is 1 unless every policy is certified."""
+    confidence: Annotated[float | None, tyro.conf.arg(metavar="P")] = None
+    """Least probability that the verdict is right, by default 0.999."""
     seed: Seed = 0
     scenario: str | None = None
     """Scenario (a name, or a file) of methods and objects; files of any other one are refused."""
@@ -47,13 +58,16 @@ class Evaluate(Distributed, Simulating, Resumable):
 
 def run(options: Evaluate, progress: Progress) -> Iterator[Any]:
     """Simulate missing episodes, record failures and successes, and print the results."""
+    from agent.evaluation.claims import claim_of
     from agent.study.evaluate import evaluate, show
 
     arguments = options.arguments(
         "policy",
+        "confidence",
         policies=(*options.policies, *options.policy),
         physics=options.physics,
         starts=options.starts if options.starts in (None, "all") else int(options.starts),
+        claim=claim_of(options.claim, options.confidence),
     )
     report = evaluate(**arguments, progress=progress)
     yield report
@@ -62,3 +76,9 @@ def run(options: Evaluate, progress: Progress) -> Iterator[Any]:
     recordings = [path for row in report.policies for path in row.recordings]
     if recordings:
         print(f"open with: {in_shell('rerun')} {recordings[0]}")
+
+
+def failed(report: "EvaluationReport") -> bool:
+    """Return whether a claim is not certified."""
+    judged = [row.claim for row in report.policies if row.claim is not None]
+    return any(claim.verdict != "certified" for claim in judged)

@@ -13,8 +13,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from agent.certification.certificate import issue, read_certificate
-from agent.certification.claims import parse_claim
 from agent.evaluation.cases import Case
 from agent.mdp.config import ProcessConfig
 from agent.mdp.optimum import optimum
@@ -30,7 +28,6 @@ from agent.training.worker import load_checkpoint, save_checkpoint
 from analysis.figures.style import Caption, read_caption, write_caption
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
-from cosim.base.storage import write_json
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
@@ -75,8 +72,6 @@ def seeds(tmp_path_factory):
     (folder / "moves.json").write_text(json.dumps(moves))
     (folder / "settings.toml").write_text('[process]\nfeatures = ["x", "y"]\n[learning]\neta = 1\n')
     write_caption(Caption("fig03", "Motion", "it slides", ("5 µm",), {"step_um": 5.0}), folder)
-    results = ResultFile(folder, Case(policy, CoSimConfig(), cached_fmu(), 0))
-    write_json(folder / "certificate.json", issue(results, parse_claim("success > 0.5"), 0.9))
     return {
         "policy": (path, Policy.load),
         "training": (path.with_name(LOG_FILE), TrainingLog.load),
@@ -84,14 +79,11 @@ def seeds(tmp_path_factory):
         "moves": (folder / "moves.json", read_moves),
         "scenario": (EXAMPLE, find_scenario),
         "settings": (folder / "settings.toml", read_settings),
-        "certificate": (folder / "certificate.json", read_certificate),
         "caption": (folder / "fig03.json", lambda p: read_caption(p.parent, p.stem)),
     }
 
 
-KINDS = (
-    "policy", "training", "checkpoint", "moves", "scenario", "settings", "caption", "certificate",
-)  # fmt: skip
+KINDS = ("policy", "training", "checkpoint", "moves", "scenario", "settings", "caption")
 
 
 @pytest.mark.parametrize("kind", KINDS)

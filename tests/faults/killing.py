@@ -186,11 +186,6 @@ def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
             ("-m", "cosim.evaluate", str(policy), "--starts", "8", "--recordings", "1",
              "--time-limit", "20", "--jobs", "2", "--out", "OUT")
         ),
-        "certification": Case(
-            ("-m", "minirobots", "certify", "--policy", str(policy), "--claim", "timeout > 0.2",
-             "--confidence", "0.9", "--episodes", "12", "--time-limit", "20", "--jobs", "2",
-             "--out", "OUT")
-        ),
         "robustness": Case(
             ("-m", "cosim.robustness", "--quick", "--scenario", "1a", "--methods", "paper",
              "--axes", "nothing", "tilt", "--jobs", "2", "--out", "OUT")

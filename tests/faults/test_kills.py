@@ -28,11 +28,11 @@ from tests.faults.killing import (
 
 MOMENTS = 12
 ONE_BY_ONE = (
-    "training", "sweep", "evaluation", "certification", "transfer", "robustness", "baselines",
+    "training", "sweep", "evaluation", "transfer", "robustness", "baselines",
     "validation", "study", "report", "FMU",
 )  # fmt: skip
 # Whose results a command reads.
-NEEDED = {"evaluation": "training", "certification": "training", "report": "reproduction"}
+NEEDED = {"evaluation": "training", "report": "reproduction"}
 PARTIAL = {
     "training": "experiment.json",
     "sweep": "experiment.json",
@@ -46,7 +46,7 @@ WRITERS = {
     "robustness": ("--quick", "--scenario", "1a", "--methods", "paper", "--axes", "nothing"),
     "baselines": ("--quick", "--scenarios", "1b", "--learners", "shortest"),
 }
-GROWING = {"certificate.json", "checkpoint.npz", "summary.json", "timings.json"}
+GROWING = {"checkpoint.npz", "summary.json", "timings.json"}
 ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 

@@ -158,6 +158,7 @@ def test_a_command_is_added_by_one_file(added):
 
 
 def test_help_ends_with_examples_of_the_page(program):
-    done = program("certify", "--help")
+    done = program("evaluate", "--help")
     assert done.returncode == 0
-    assert "\nexamples:\n  minirobots certify --policy P.npz --claim" in done.stdout
+    assert "\nexamples:\n  minirobots evaluate " in done.stdout
+    assert "P.npz --claim" in done.stdout

@@ -8,12 +8,9 @@ import msgspec
 import pytest
 
 from agent.baselines.comparison import baselines
-from agent.certification.certify import certify_case
-from agent.certification.claims import parse_claim
-from agent.certification.collisions import estimate_collisions
+from agent.evaluation.claims import claim_of
 from agent.mdp.config import ProcessConfig
 from agent.moves import observe
-from agent.study.episodes import case_of
 from agent.study.evaluate import evaluate
 from agent.study.robustness import robustness
 from agent.study.transfer import transfer
@@ -54,16 +51,9 @@ def of_baselines(place: Place, patch: pytest.MonkeyPatch) -> Any:
     return baselines(place.out, scenarios=[board], learners=["shortest"], where=place.where, **few)
 
 
-def of_certify(place: Place, _: pytest.MonkeyPatch) -> Any:
-    case = case_of(place.policy, SimulationOptions(), 0)
-    found = certify_case(case, parse_claim("success > 0.5"), 0.9, place.out, where=place.where)
-    return msgspec.structs.replace(found, issued="")
-
-
-def of_splitting(place: Place, _: pytest.MonkeyPatch) -> Any:
-    case = case_of(place.policy, SimulationOptions(), 0)
-    levels = {"roots": 2, "branches": 2, "gaps_mm": (30.0,)}
-    return estimate_collisions(case, place.out, where=place.where, **levels)
+def of_claim(place: Place, _: pytest.MonkeyPatch) -> Any:
+    options: Any = {"claim": claim_of("success > 0.5", 0.9), "starts": 9, "recordings": 0}
+    return evaluate([place.policy], SimulationOptions(), place.out, where=place.where, **options)
 
 
 def of_evaluate(place: Place, _: pytest.MonkeyPatch) -> Any:
@@ -106,10 +96,9 @@ def of_validate(place: Place, patch: pytest.MonkeyPatch) -> Any:
 
 OF: dict[str, Callable[[Place, pytest.MonkeyPatch], Any]] = {
     "baselines": of_baselines,
-    "certify": of_certify,
+    "claim": of_claim,
     "evaluate": of_evaluate,
     "robustness": of_robustness,
-    "splitting": of_splitting,
     "study": of_study,
     "training": of_training,
     "transfer": of_transfer,

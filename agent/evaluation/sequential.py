@@ -2,7 +2,7 @@
 
 Both errors are bounded at once: the probability to certify a rate that is not below the limit, and
 that to refuse one that is not above it, are each at most 1 - confidence, however long it takes.
-Methods and sources are in docs/certificates.md.
+Methods and sources are in docs/studies.md.
 """
 
 from bisect import bisect_left
@@ -74,10 +74,6 @@ class SequentialTest:
             if count >= needed:
                 return ClaimDecision("certified", count, against)
         return ClaimDecision("undecided", count, against)
-
-    def chance(self, against: int, episodes: int) -> float:
-        """Bound of the probability of at most that many against a claim at its limit."""
-        return _at_most(against, episodes, self.limit)
 
 
 def _at_most(successes: int, trials: int, rate: float) -> float:

@@ -9,10 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import beta, binom
 
-from agent.certification.claims import complement, parse_claim
-from agent.certification.sequential import SequentialTest
-from cosim.base.errors import UserError
-from cosim.model.outcome import ENDS, Outcome
+from agent.evaluation.sequential import SequentialTest
 
 
 def chances(test: SequentialTest, rates: list[float], most: int) -> tuple[float, float]:
@@ -86,7 +83,7 @@ def test_sizes_are_those_of_clopper_and_pearson(against):
     n, level = test.episodes_to_certify(against), test.level(against)
     assert beta.isf(level, against + 1, n - against) <= limit
     assert beta.isf(level, against + 1, n - 1 - against) > limit
-    assert test.chance(against, n) <= level < test.chance(against, n - 1)
+    assert binom.cdf(against, n, limit) <= level < binom.cdf(against, n - 1, limit)
     n, level = test.episodes_to_refute(against + 6), test.level(against + 5)
     assert beta.ppf(level, against + 6, n - against - 5) >= limit
     assert beta.ppf(level, against + 6, n - against - 4) < limit
@@ -128,37 +125,3 @@ def test_decisions_come_at_the_first_look_that_allows_them():
     assert test.decide([True] + [False] * 1000) == ("certified", one, 1)
     at = next(k for k in range(1, 20) if k <= test.episodes_to_refute(k))
     assert test.decide([True] * 1000) == ("refused", at, at)
-
-
-def test_claims_are_read():
-    assert parse_claim("collision < 1e-3") == (
-        "collision < 1e-3",
-        frozenset({Outcome.COLLISION}),
-        1e-3,
-    )
-    success = parse_claim("success>.999")
-    failure = parse_claim("failure < 0.001")
-    assert success[1:] == failure[1:]
-    assert parse_claim("timeout > 0.25").against == set(ENDS) - {Outcome.TIMEOUT}
-    assert complement(0.999999) == 1e-6
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "collision",
-        "collision <= 0.1",
-        "crash < 0.1",
-        "0.1 > collision",
-        "collision < 1e-9",
-        "success > 1",
-        "collision < nan",
-        "collision < -1",
-        "collision < 1e-3 or so",
-        "running < 1",
-    ],
-)
-def test_what_is_no_claim_is_refused(text):
-    with pytest.raises(UserError, match="claim"):
-        parse_claim(text)

@@ -1,1 +1,0 @@
-"""Claims about policies in the dynamics, certified by episodes at a declared confidence."""
