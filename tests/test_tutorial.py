@@ -59,5 +59,6 @@ def test_tutorial_runs_as_written(follow, tmp_path, capsys):
         (file,) = (runs / name).glob("*.jsonl")
         outcomes = [json.loads(line)["outcome"] for line in file.read_text().splitlines()[1:]]
         assert outcomes == [expected] * 10
+    assert len(list((runs / "claim").glob("*.jsonl"))) == 1  # certified: the command has status 0
     rows = (runs / "friction" / "study.md").read_text().splitlines()[2:]
     assert [row.split(" | ")[0].strip("| ") for row in rows] == ["greedy"] * 2 + ["learnt"] * 2
