@@ -46,12 +46,14 @@ def drives_through(method: str, scenario: Scenario) -> bool:
 def best_method(scenario: Scenario) -> Method:
     """Return the default: "paper" for one robot or two, "planned" for more; else "moves".
 
-    On the grid robots learn paths along obstacles that they touch in the dynamics.
+    On the grid robots learn paths along obstacles or a forbidden zone that they touch in the
+    dynamics.
     """
     if scenario.robots > 2:
         return "planned" if can_plan(scenario) else "moves"
     large = scenario.columns * scenario.rows > _LARGE_CELLS
-    return "moves" if large or scenario.obstacles else "paper"
+    blocked = scenario.obstacles or scenario.zone_is_obstacle
+    return "moves" if large or blocked else "paper"
 
 
 def method_config(

@@ -50,9 +50,9 @@ def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch)
 
 def test_the_default_method_can_learn_every_board():
     wide = replace(find_scenario("4"), columns=40)
-    boards = [wide, *map(find_scenario, ("4", "1b", "5-corridor", "6-swap", "swarm-16"))]
+    boards = [wide, *map(find_scenario, ("4", "1b", "4-zone", "5-corridor", "6-swap", "swarm-16"))]
     best = [methods.best_method(board) for board in boards]
-    assert best == ["moves", "paper", "paper", "moves", "planned", "moves"]
+    assert best == ["moves", "paper", "paper", "moves", "moves", "planned", "moves"]
     assert method_config("paper", wide).process  # the board itself is fine
 
 
