@@ -384,7 +384,7 @@ def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, content):
     path = tmp_path / "moves.json"
     if content is not None:
         path.write_text(content)
-    with pytest.raises(MovesError, match=r"moves\.json.*agent\.moves"):
+    with pytest.raises(MovesError, match=r"moves\.json.*minirobots moves"):
         ObservedMoves.load(path)
 
 
