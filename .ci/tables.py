@@ -60,12 +60,11 @@ PICTURES = {
 
 @dataclass(frozen=True)
 class Point:
-    """A value of a table with its interval; `open` where the table says "more than" it."""
+    """A value of a table with its interval."""
 
     value: float
     low: float
     high: float
-    open: bool
 
 
 def _number(text: str) -> float:
@@ -74,7 +73,7 @@ def _number(text: str) -> float:
 
 def point(cell: str) -> Point | None:
     """Return what a cell says, or nothing if it begins with no number."""
-    text = cell.removeprefix("more than ").lstrip("*")
+    text = cell.lstrip("*")
     if (start := re.match(NUMBER, text)) is None:
         return None
     value = _number(start[1])
@@ -83,7 +82,7 @@ def point(cell: str) -> Point | None:
         low, high = map(_number, between.groups())
     elif around := AROUND.search(text):
         low, high = value - _number(around[1]), value + _number(around[1])
-    return Point(value, low, high, text != cell.lstrip("*"))
+    return Point(value, low, high)
 
 
 def read_rows(picture: Picture) -> list[dict[str, str]]:
@@ -131,7 +130,7 @@ def draw(name: str, file: Path) -> None:
             bar = [[p.value - p.low], [p.high - p.value]]
             axes.errorbar(
                 p.value, place, xerr=bar, color=f"C{number}", ms=4, capsize=2,
-                fmt=MARKERS[number], mfc="white" if p.open else f"C{number}",
+                fmt=MARKERS[number],
             )  # fmt: skip
         axes.plot([], [], MARKERS[number], color=f"C{number}", ms=4, label=legend)
     names = [picture.label.format_map(row).replace("`", "") for row in rows]

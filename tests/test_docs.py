@@ -191,7 +191,7 @@ def test_every_page_says_first_what_it_is_for():
 def test_pages_of_results_open_with_a_picture():
     pages = {path.stem: path.read_text("utf-8") for path in (ROOT / "docs").glob("*.md")}
     results = {name: text.splitlines()[:20] for name, text in pages.items() if "**Result**" in text}
-    assert len(results) > 10
+    assert len(results) > 5
     without = [name for name, top in results.items() if not any("![" in line for line in top)]
     assert sorted(without) == ["reliability", "shield"]  # their results are tests
 
