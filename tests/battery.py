@@ -20,7 +20,7 @@ from cosim.base.errors import run_command
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "reliability.md"
 NAME = re.compile(r"`(tests/[\w/]+\.py)::(\w+)`")
-MARKS = "not slow and not viewer and not browser and not cluster"
+MARKS = "not slow and not viewer and not cluster"
 # What the tests of a section of the page count.
 SECTIONS = {
     "Faults": "faults_survived",
