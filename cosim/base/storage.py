@@ -46,8 +46,10 @@ def cache_dir(kind: str) -> Path:
     `MINIROBOTS_CACHE` overrides the user's cache folder, `minirobots` in `$XDG_CACHE_HOME` or
     `~/.cache`.
     """
-    users = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
-    folder = Path(os.environ.get(CACHE) or users / "minirobots") / kind
+    given = os.environ.get(CACHE) or Path(
+        os.environ.get("XDG_CACHE_HOME") or "~/.cache", "minirobots"
+    )
+    folder = Path(given).expanduser().absolute() / kind
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 

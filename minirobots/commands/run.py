@@ -234,7 +234,8 @@ def _facts(
 ) -> "RunFacts":
     from agent.evaluation.series import RunFacts
     from agent.policies import method_name
-    from cosim.base.provenance import digest_of, versions
+    from cosim.base.provenance import versions
+    from fmus.build import identity_of_fmu
 
     seed = policy.config.seed
     return RunFacts(
@@ -244,7 +245,7 @@ def _facts(
         train_seed=seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
         driver=driver,
         motor_fmu=fmu.name,
-        motor_fmu_digest=digest_of(fmu),
+        motor_fmu_digest=identity_of_fmu(fmu),
         method=method_name(policy),
         versions=versions(),
     )
