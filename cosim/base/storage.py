@@ -7,6 +7,7 @@ import hashlib
 import logging
 import os
 import re
+import secrets
 import shutil
 import tempfile
 import threading
@@ -181,10 +182,6 @@ def replacing(path: Path) -> Iterator[Path]:
     lock, temporary = _temporary(path)
     try:
         yield temporary
-        # mkstemp makes private files; results are as readable as the user's umask allows.
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
         if os.name == "nt":
             lock.close()  # open files cannot be renamed there
         temporary.replace(path)
@@ -252,11 +249,15 @@ def write_whole(path: Path, content: str | bytes) -> None:
 def _temporary(path: Path) -> tuple[BinaryIO, Path]:
     """A new file next to `path`, locked as long as the process lives or until it is closed."""
     while True:
-        handle, name = tempfile.mkstemp(path.suffix, _beginning(path), path.parent)
+        name = path.with_name(f"{_beginning(path)}{secrets.token_hex(4)}{path.suffix}")
+        try:  # without tempfile, whose files other users may not read whatever the umask is
+            handle = os.open(name, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        except FileExistsError:
+            continue
         with contextlib.suppress(OSError):  # of a file system without locks: nothing is swept there
             lock_open(handle)
         if os.fstat(handle).st_nlink:
-            return os.fdopen(handle, "rb"), Path(name)
+            return os.fdopen(handle, "rb"), name
         os.close(handle)  # swept before it was locked
 
 

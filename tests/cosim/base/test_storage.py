@@ -211,6 +211,17 @@ def test_json_has_lists_of_numbers_on_one_line(tmp_path):
     assert '"a",\n' in text
 
 
+def test_files_are_as_readable_as_the_umask_allows(tmp_path, monkeypatch):
+    before = os.umask(0o027)
+    try:
+        monkeypatch.setattr(os, "umask", None)  # which would be that of all threads
+        write_json(tmp_path / "a.json", [])
+    finally:
+        monkeypatch.undo()
+        os.umask(before)
+    assert (tmp_path / "a.json").stat().st_mode & 0o777 == 0o640
+
+
 def test_a_file_of_another_name_is_refused():
     assert named("a/b.rrd", ".rrd") == Path("a/b.rrd")
     with pytest.raises(StorageError, match=r"b\.txt: its name must end in \.rrd; choose b\.rrd"):
