@@ -138,11 +138,11 @@ def identity_of_fmu(path: Path) -> str:
     bits), while the bytes of binaries differ. Any other FMU is known by its bytes.
     """
     model = _built_in(path)
-    return digest_of(path) if model is None else _digest_of_sources(model)
+    return digest_of(path) if model is None else digest_of_sources(model)
 
 
 @functools.cache
-def _digest_of_sources(model: Model) -> str:
+def digest_of_sources(model: Model) -> str:
     """Return the hash of a model's C code, without comments and layout."""
     files = source_files(model, "3", render_header(load_table(model), "")).items()
     code = {name: _COMMENT.sub("", text.decode()).split() for name, text in files}
