@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields
 from datetime import datetime
 from functools import cached_property
@@ -23,6 +24,7 @@ from cosim.base.command import Jobs as JobCount
 from cosim.base.command import Json, require_at_least, workers
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
+from cosim.base.storage import alone_in, new_folder
 from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import SimulationOptions
 
@@ -122,6 +124,10 @@ class CommandOptions(_Declared):
         """Return the message after Ctrl-C, empty by default."""
         return ""
 
+    def alone(self) -> AbstractContextManager[None]:
+        """Keep other runs out of the output folder, if they would spoil each other's results."""
+        return nullcontext()
+
     @classmethod
     def defaults(cls, _arguments: list[str]) -> Self | None:
         """Return defaults that the command line changes; None for those of the class."""
@@ -179,9 +185,20 @@ class NewFolder(CommandOptions):
 
     @cached_property
     def folder(self) -> Path:
-        """Output folder."""
+        """Output folder; a new one is made at once, so that no other run takes its name."""
         name = f"{self.prefix}{self.subject}-{datetime.now():%Y%m%d-%H%M%S}"
-        return self.out or Path("runs") / name
+        return self.out or new_folder(Path("runs") / name)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other runs out of the output folder, and remove a new one that stays empty."""
+        try:
+            with alone_in(self.folder):
+                yield
+        finally:
+            if self.out is None:
+                with suppress(OSError):
+                    self.folder.rmdir()
 
 
 class Resumable(CommandOptions):

@@ -75,6 +75,51 @@ def lock_open(file: int | IO[bytes], *, wait: bool = True) -> None:
         fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
 
 
+def lock_alone(file: int | IO[bytes], path: Path) -> None:
+    """Lock an open file or folder until it is closed, where its file system has locks.
+
+    Raises:
+        StorageError: another process has it locked; the message names `path`.
+    """
+    try:
+        lock_open(file, wait=False)
+    except BlockingIOError:
+        raise StorageError(
+            f"{path}: another run writes to it; wait until that ends, or choose another --out"
+        ) from None
+    except OSError:
+        pass
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Make a folder if it is missing, and keep other runs out of it until the end.
+
+    Raises:
+        StorageError: another run is in it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with contextlib.ExitStack() as stack:
+        if fcntl is not None:
+            handle = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, handle)
+            lock_alone(handle, folder)
+        yield
+
+
+def new_folder(path: Path) -> Path:
+    """Make a folder of this name, if there is none; else one with -2, -3 and so on after it."""
+    made, number = path, 1
+    while True:
+        try:
+            made.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+            made = path.with_name(f"{path.name}-{number}")
+        else:
+            return made
+
+
 def load_or_create(
     path: Path, load: Callable[[], Value | None], make: Callable[[], Value]
 ) -> Value:

@@ -1,6 +1,5 @@
 """Train, co-simulate and record episodes."""
 
-import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -9,7 +8,7 @@ import tyro
 
 from agent.training.settings import COMPUTED, Method
 from cosim.base.command import workers
-from cosim.base.errors import UserError, in_shell
+from cosim.base.errors import in_shell
 from cosim.base.progress import Progress, under_way
 from cosim.model.config import ConfigError
 from cosim.recording.live import DEFAULT_VIEWER
@@ -153,14 +152,8 @@ def run(options: Run, progress: Progress) -> Iterator[Any]:
     config = with_bursts(config, options.record)
     out.mkdir(parents=True, exist_ok=True)
     driver, threads = chosen_driver(options.driver, fmu, config), workers(options.jobs)
-    try:
-        with compiling_ahead(scenario.robots, driver, options.episodes, threads):
-            policy, log = _policy(options, scenario, progress)
-    except UserError:
-        if options.out is None:  # nothing is in it
-            with contextlib.suppress(OSError):
-                out.rmdir()
-        raise
+    with compiling_ahead(scenario.robots, driver, options.episodes, threads):
+        policy, log = _policy(options, scenario, progress)
     facts = _facts(options, scenario, policy, fmu, driver)
     series = Series(
         scenario,
