@@ -24,7 +24,7 @@ from cosim.base.command import Jobs as JobCount
 from cosim.base.command import Json, require_at_least, workers
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
-from cosim.base.storage import alone_in, new_folder
+from cosim.base.storage import alone_in, named, new_folder
 from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import SimulationOptions
 
@@ -47,6 +47,11 @@ def at_least(least: int) -> Check:
 def _positive(name: str, value: float | None) -> None:
     if value is not None and not 0.0 < value < math.inf:
         raise UserError(f"--{name.replace('_', '-')} {value:g} must be positive and finite")
+
+
+def ending(suffix: str) -> Check:
+    """Return the check of a file to write: its name ends in a suffix; None passes."""
+    return Check(lambda _, path: path is None or named(path, suffix))
 
 
 Positive = Annotated[float, Check(_positive)]
@@ -192,11 +197,12 @@ class NewFolder(CommandOptions):
     @contextmanager
     def alone(self) -> Iterator[None]:
         """Keep other runs out of the output folder, and remove a new one that stays empty."""
+        new = self.out is None or not self.out.exists()
         try:
             with alone_in(self.folder):
                 yield
         finally:
-            if self.out is None:
+            if new:
                 with suppress(OSError):
                     self.folder.rmdir()
 
