@@ -45,20 +45,34 @@ def cache_dir(kind: str) -> Path:
     """Folder for cached results of one kind ("fmus", "policies"), created if missing.
 
     `MINIROBOTS_CACHE` overrides the user's cache folder, `minirobots` in `$XDG_CACHE_HOME` or
-    `~/.cache`.
+    `~/.cache`. A folder that cannot be made is named where something is to be written to it.
     """
-    given = os.environ.get(CACHE) or Path(
-        os.environ.get("XDG_CACHE_HOME") or "~/.cache", "minirobots"
-    )
-    folder = Path(given).expanduser().absolute() / kind
-    folder.mkdir(parents=True, exist_ok=True)
+    users = os.path.expanduser(os.environ.get("XDG_CACHE_HOME") or "~/.cache")  # noqa: PTH111
+    # Without a home folder ~ stays as it is, and Path.expanduser fails.
+    folder = Path(os.environ.get(CACHE) or Path("/", users, "minirobots")).absolute() / kind
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
 def lock_of(path: Path) -> FileLock:
-    """Lock of a cached file or folder between processes, to be entered; ends with its process."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Lock of a cached file or folder between processes, to be entered; ends with its process.
+
+    Raises:
+        StorageError: the cache cannot be written.
+    """
+    with contextlib.suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    require_cache(path.parent)
     return FileLock(path.with_name(f".{path.name}.lock"))
+
+
+def require_cache(folder: Path) -> None:
+    """Refuse a folder of the cache where nothing can be written; raises StorageError."""
+    if not os.access(folder, os.W_OK):
+        raise StorageError(
+            f"{folder}: the cache cannot be written; set {CACHE} to a folder that can be"
+        )
 
 
 def lock_open(file: int | IO[bytes], *, wait: bool = True) -> None:
@@ -129,6 +143,9 @@ def load_or_create(
         path: of the cached file or folder.
         load: reads it; None if it is missing or damaged.
         make: makes and writes it.
+
+    Raises:
+        StorageError: it is missing, and the cache cannot be written.
     """
     found = load()
     if found is None:
@@ -157,7 +174,7 @@ def cached(
         again: make it even if it is there.
 
     Raises:
-        StorageError: a folder is in the file's place.
+        StorageError: a folder is in the file's place, or the cache cannot be written.
     """
     require_no_folder(path)
 
@@ -169,9 +186,7 @@ def cached(
         write_checksum(path)
         return value
 
-    if again:
-        return remake()
-    places = path, PACKAGED / path.parent.name / path.name
+    places = () if again else (path, PACKAGED / path.parent.name / path.name)
 
     def find() -> Value | None:
         return next((load(place) for place in places if is_intact(place)), None)

@@ -15,7 +15,7 @@ from cosim.base.jobs import JobKind, Workers, run
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, read_json
-from cosim.base.storage import cache_dir, is_intact, write_checksum, write_json
+from cosim.base.storage import cache_dir, is_intact, require_cache, write_checksum, write_json
 from cosim.calibration.cache import calibrated
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.parameters import with_motor
@@ -111,7 +111,10 @@ class _Cache:
 
     def find(self, job: Measurement) -> Any:
         """Return the result of a measurement, None if it is missing or damaged."""
-        return read_json(job.path, _FILE) if is_intact(job.path) else None
+        if is_intact(job.path):
+            return read_json(job.path, _FILE)
+        require_cache(job.path.parent)  # before anything is measured
+        return None
 
     def keep(self, job: Measurement, row: Any) -> None:
         """Keep the result of a measurement."""
