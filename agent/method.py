@@ -14,7 +14,7 @@ from pathlib import Path
 
 from agent.mdp import optimum
 from agent.mdp.config import ProcessConfig
-from agent.moves import bound, group, pair
+from agent.moves import group, pair
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
 from agent.moves.worlds import WorldRange, checked_ranges
@@ -27,7 +27,6 @@ from agent.training.store import find_or_compute, find_or_train
 from cosim.base.command import MotorParameters
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
-from cosim.base.reached_code import code_digest
 from cosim.calibration.cache import calibrated_slower
 from cosim.model.scenario import Scenario
 from cosim.simulation.options import DecisionOptions, Physics
@@ -35,6 +34,7 @@ from cosim.simulation.options import DecisionOptions, Physics
 ON_MOVES = ("moves", "fastest", "planned")
 # Fields of a `LearningConfig` that do not belong to a method: how long, and what is logged.
 _FREE = ("episodes", "log_episodes", "log_window", "greedy_points")
+_VERSIONS = {"shortest": optimum.VERSION, "fastest": pair.VERSION, "planned": group.VERSION}
 _LARGE_CELLS = 1000  # assumed: of a board on which one robot or two learn on moves by default
 
 
@@ -103,9 +103,9 @@ def method_config(
         through = drives_through(method, scenario)
         moves = _observed_moves(scenario, motors, through, worlds, progress)
     if method in COMPUTED:
-        code = code_digest(optimum, bound, pair, group)
+        version = f"{method} {_VERSIONS[method]}"
         return PolicyConfig(
-            scenario, process, learning, Seed(0), moves, objective=method, kernel_version=code
+            scenario, process, learning, Seed(0), moves, objective=method, kernel_version=version
         )
     if episodes is not None:
         learning = replace(learning, episodes=episodes)

@@ -7,20 +7,32 @@ import contextlib
 import os
 import time
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from analysis.profiles import Profile
-from analysis.reading.results import RESULTS
 from cosim.base.errors import UserError
-from cosim.base.reached_code import code_digest
+from cosim.base.provenance import digest_of, versions
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
 
 SCHEMA_VERSION = 1
 FILE = "timings.json"
+# Modules with the `VERSION` of a kind of results: what computes it, or keeps it.
+PRODUCERS = (
+    "agent.evaluation.cases",
+    "agent.mdp.optimum",
+    "agent.moves.group",
+    "agent.moves.observe",
+    "agent.moves.pair",
+    "agent.training.learning",
+    "cosim.calibration.measuring",
+    "cosim.calibration.shielding",
+    "cosim.machine.validation.validate",
+)
 
 
 class TimingsError(UserError):
@@ -34,13 +46,13 @@ class Stage(msgspec.Struct, frozen=True):
         seconds: wall-clock time of all attempts.
         attempts: their number; those before the last were interrupted.
         finished: whether the last one came to its end.
-        code: hash of the code that ran, None for a stage that makes no result.
+        made_by: see `made_by`.
     """
 
     seconds: float
     attempts: int
     finished: bool
-    code: str | None = None
+    made_by: str | None = None
 
 
 class TimingsFile(msgspec.Struct, frozen=True):
@@ -72,12 +84,10 @@ def read_timings(results: Path) -> TimingsFile | None:
     return read_json(path, kind, TimingsFile) if path.exists() else None
 
 
-def code_of(stage: str) -> str | None:
-    """Hash (16 hex digits) of the code that makes a result; None if the stage is of no result."""
-    if stage not in RESULTS:
-        return None
-    name = RESULTS[stage].maker
-    return code_digest(f"minirobots.commands.{name.replace('-', '_')}")
+def made_by() -> str:
+    """Return the hash (16 hex digits) of the versions of this package and of all producers."""
+    producers = {name: import_module(name).VERSION for name in PRODUCERS}
+    return digest_of(versions()["minirobots"], producers)
 
 
 class Timings:
@@ -105,9 +115,9 @@ class Timings:
         self._content = found or TimingsFile(SCHEMA_VERSION, asked, seed, os.cpu_count(), {})
 
     def finished(self, stage: str) -> bool:
-        """Return whether the stage has been completed, by code that does what it does now."""
+        """Return whether the stage has been completed by the present versions of its producers."""
         found = self._content.stages.get(stage)
-        return found is not None and found.finished and found.code == code_of(stage)
+        return found is not None and found.finished and found.made_by == made_by()
 
     @contextlib.contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -119,14 +129,13 @@ class Timings:
         earlier_s, attempts = 0.0, 0
         if before is not None and not before.finished:
             earlier_s, attempts = before.seconds, before.attempts
-        code = code_of(name)
         began, finished = time.perf_counter(), False
         try:
             yield
             finished = True
         finally:
             seconds = round(earlier_s + time.perf_counter() - began, 3)
-            self._content.stages[name] = Stage(seconds, attempts + 1, finished, code)
+            self._content.stages[name] = Stage(seconds, attempts + 1, finished, made_by())
             write_json(self._path, self._content)
 
     def seconds(self, stage: str) -> float:

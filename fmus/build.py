@@ -5,7 +5,9 @@ that of the wheel, or one that is built on first use. Numerical work is in C fil
 `vibration_motor/motor.h`.
 """
 
+import functools
 import hashlib
+import re
 import uuid
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,13 +27,14 @@ from fmus.compiler import (
 from fmus.description import render_build_description, render_fmi2, render_fmi3
 from fmus.documentation import render_html
 from fmus.models import MODELS, ROOT, Fmi, Model, folders
-from fmus.origin import Origin, license_text, read_origin
+from fmus.origin import license_text, read_origin
 from fmus.variables import Table, load_table, render_header
 
 __all__ = ["BuildError", "build_fmu", "build_fmus", "cached_fmu"]
 
 CARRIED = Path("fmus/built")  # folder of FMUs in a wheel
 _CARRIED = ROOT.parent / CARRIED
+_COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 
 
 def build_fmu(
@@ -127,25 +130,36 @@ def _place(model: Model) -> Path:
     return cache_dir("fmus") / key / f"{model}.fmu"
 
 
-def identity_of_fmu(path: Path) -> Path | str:
-    """Return what `digest_of` is given for an FMU: a built-in one is known by its sources.
+def identity_of_fmu(path: Path) -> str:
+    """Return the hash (16 hex digits) of what determines an FMU's behaviour.
 
-    They, the model description and the compiler's flags decide what it computes on every platform
-    (`SAME_BITS`; `tests/test_packaged.py` compares bits), while the bytes of binaries differ. Any
-    other FMU is known by its bytes.
+    Of a built-in FMU these are its C code, the defaults in its header and the compiler's flags:
+    they give the same bits on every platform (`SAME_BITS`; `tests/test_packaged.py` compares
+    bits), while the bytes of binaries differ. Any other FMU is known by its bytes.
     """
-    for model in MODELS:
-        if path.stem == model and is_built_in(path) and path == _place(model):
-            table = load_table(model)
-            sources = source_files(model, "3", render_header(table, ""))
-            sources["modelDescription.xml"] = render_fmi3(table, "", Origin("", "", "", ""))
-            return digest_of({name: text.decode() for name, text in sources.items()}, FLAGS)
-    return path
+    model = _built_in(path)
+    return digest_of(path) if model is None else digest_of_sources(model)
+
+
+@functools.cache
+def digest_of_sources(model: Model) -> str:
+    """Return the hash of a model's C code, without comments and layout."""
+    files = source_files(model, "3", render_header(load_table(model), "")).items()
+    code = {name: _COMMENT.sub("", text.decode()).split() for name, text in files}
+    return digest_of(code, FLAGS)
 
 
 def is_built_in(path: Path) -> bool:
     """Return whether a file is one that `cached_fmu` returns."""
-    return path.parent == _CARRIED or cache_dir("fmus") in path.parents
+    return _built_in(path) is not None
+
+
+@functools.cache
+def _built_in(path: Path) -> Model | None:
+    """Return the model of a file that `cached_fmu` returns; None for any other file."""
+    if path.parent != _CARRIED and path.parent.parent != cache_dir("fmus"):
+        return None
+    return next((m for m in MODELS if path.stem == m and path == _place(m)), None)
 
 
 def instantiation_token(table: Table) -> str:

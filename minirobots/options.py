@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields
 from datetime import datetime
 from functools import cached_property
@@ -23,6 +24,7 @@ from cosim.base.command import Jobs as JobCount
 from cosim.base.command import Json, require_at_least, workers
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
+from cosim.base.storage import alone_in, named, new_folder
 from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import SimulationOptions
 
@@ -45,6 +47,11 @@ def at_least(least: int) -> Check:
 def _positive(name: str, value: float | None) -> None:
     if value is not None and not 0.0 < value < math.inf:
         raise UserError(f"--{name.replace('_', '-')} {value:g} must be positive and finite")
+
+
+def ending(suffix: str) -> Check:
+    """Return the check of a file to write: its name ends in a suffix; None passes."""
+    return Check(lambda _, path: path is None or named(path, suffix))
 
 
 Positive = Annotated[float, Check(_positive)]
@@ -122,6 +129,10 @@ class CommandOptions(_Declared):
         """Return the message after Ctrl-C, empty by default."""
         return ""
 
+    def alone(self) -> AbstractContextManager[None]:
+        """Keep other runs out of the output folder, if they would spoil each other's results."""
+        return nullcontext()
+
     @classmethod
     def defaults(cls, _arguments: list[str]) -> Self | None:
         """Return defaults that the command line changes; None for those of the class."""
@@ -179,9 +190,21 @@ class NewFolder(CommandOptions):
 
     @cached_property
     def folder(self) -> Path:
-        """Output folder."""
+        """Output folder; a new one is made at once, so that no other run takes its name."""
         name = f"{self.prefix}{self.subject}-{datetime.now():%Y%m%d-%H%M%S}"
-        return self.out or Path("runs") / name
+        return self.out or new_folder(Path("runs") / name)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other runs out of the output folder, and remove a new one that stays empty."""
+        new = self.out is None or not self.out.exists()
+        try:
+            with alone_in(self.folder):
+                yield
+        finally:
+            if new:
+                with suppress(OSError):
+                    self.folder.rmdir()
 
 
 class Resumable(CommandOptions):

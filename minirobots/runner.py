@@ -53,17 +53,18 @@ def execute(name: str) -> None:
         raise
     if isinstance(options, IsolatedOptions) and options.isolate:
         isolate(f"minirobots {name}", options.foreign)
-    try:
-        with progress_bars() as progress:
-            result = next(printing := begin(command, options, progress))
-    except KeyboardInterrupt:
-        if said := options.interrupted():
-            print(said, file=sys.stderr)
-        raise
-    for _ in printing:
-        pass
-    if options.json:
-        print_json(result)
+    with options.alone():
+        try:
+            with progress_bars() as progress:
+                result = next(printing := begin(command, options, progress))
+        except KeyboardInterrupt:
+            if said := options.interrupted():
+                print(said, file=sys.stderr)
+            raise
+        for _ in printing:
+            pass
+        if options.json:
+            print_json(result)
     if hasattr(command, "failed") and command.failed(result):
         sys.exit(FAILED_STATUS)
 

@@ -1,9 +1,11 @@
 """Bits that a restructuring must not change: policies, moves, episodes and recordings, as hashes.
 
-The expected hashes stand in `digests.json` next to this file, by what they are of. They hold on
-x86-64 processors with FMA (any of the last ten years): nothing here passes through a linear-algebra
-library, whose kernels differ. Where bits are meant to change, say so in CHANGELOG and write the
-file again with `DIGESTS=write uv run --group test pytest -n 0 tests/test_digests.py`.
+The expected hashes stand in `digests.json` next to this file, by what they are of, and with the
+versions of what produced them. They hold on x86-64 processors with FMA (any of the last ten years):
+nothing here passes through a linear-algebra library, whose kernels differ. Where bits are meant to
+change, say so in CHANGELOG, raise `VERSION` of each producer that they come from, so that stored
+results with the old bits are computed again, and write the file with
+`DIGESTS=write uv run --group test pytest -n 0 tests/test_digests.py`.
 """
 
 import hashlib
@@ -11,6 +13,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +24,12 @@ import pytest
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.outcomes import summary
 from agent.mdp.config import ProcessConfig
+from agent.mdp.exact import joint_starts
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import observe_moves
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import train_policy
+from agent.training.store import policy_kind, train_policy
 from cosim.calibration.cache import find_calibration
 from cosim.calibration.shielding import with_stopping_distance
 from cosim.coupling.rl_step import Step, SupportsAct
@@ -44,6 +48,15 @@ from cosim.simulation.tasks import Task, simulate_tasks
 from fmus.build import cached_fmu
 
 EXPECTED = Path(__file__).with_name("digests.json")
+# Modules with the `VERSION` of what the hashes of each kind are of.
+PRODUCERS = {
+    "learning": ("agent.training.learning",),
+    "moves": ("agent.moves.observe", "agent.training.learning", "agent.evaluation.cases"),
+    "worlds": ("agent.evaluation.cases",),
+    "calibration": ("cosim.calibration.measuring", "cosim.calibration.shielding"),
+    "studies": ("agent.training.learning", "agent.evaluation.cases"),
+    "computed": ("agent.mdp.optimum", "agent.moves.pair", "agent.moves.group"),
+}
 LEARNERS = {
     "1a": ("1a", LearningConfig(episodes=4000)),
     "2": ("2", LearningConfig(episodes=4000)),
@@ -211,6 +224,21 @@ def _of_calibration() -> Iterator[tuple[str, str]]:
     yield "shield", _digest(with_stopping_distance(config, fmu).shield)
 
 
+def _of_computed() -> Iterator[tuple[str, str]]:
+    moves = observe_moves(replace(CONFIG, **THROUGH), cached_fmu(), moves_per_kind=1)
+    for robots in (1, 2):
+        board = replace(NEAR, targets=NEAR.targets[:robots], starts=NEAR.starts[:robots])
+        for method in ("shortest", "fastest", "planned"):
+            partner = ("p",) if robots > 1 and method != "planned" else ()
+            facing = () if method == "shortest" else ("h",)
+            process = ProcessConfig(features=("x", "y", *facing, *partner))
+            known = None if method == "shortest" else moves
+            config = PolicyConfig(board, process, LearningConfig(), Seed(0), known, method)
+            policy = policy_kind(method, robots).computed(config)
+            evaluation = policy.evaluate(joint_starts(policy.process)[:8])
+            yield f"{method} {robots}", _digest(*policy.arrays().values(), *evaluation)
+
+
 def _of_studies() -> Iterator[tuple[str, str]]:
     learner = PolicyConfig(NEAR, ProcessConfig(), LearningConfig(episodes=5000), Seed(0))
     config = _limited(replace(CONFIG, world=WORLDS["unequal motors"]), 6.0)
@@ -225,7 +253,48 @@ def _of_studies() -> Iterator[tuple[str, str]]:
     yield "summary", _digest(kept)
 
 
-@pytest.mark.parametrize("kind", ["learning", "moves", "worlds", "calibration", "studies"])
+def check(kind: str, found: dict[str, str], file: Path) -> None:
+    """Compare hashes with those in a file; write them instead if `DIGESTS` says so."""
+    expected = json.loads(file.read_text("utf-8"))
+    versions = {name: import_module(name).VERSION for name in PRODUCERS[kind]}
+    known = expected["versions"].get(kind)
+    differing = [name for name in found if found[name] != expected.get(kind, {}).get(name)]
+    if differing and versions == known:
+        producers = " or ".join(PRODUCERS[kind])
+        pytest.fail(
+            f"bits changed ({', '.join(differing)}): raise VERSION of {producers} "
+            "and write the digests again"
+        )
+    if os.environ.get("DIGESTS") == "write":
+        expected[kind], expected["versions"][kind] = found, versions
+        file.write_text(json.dumps(expected, indent=2) + "\n", encoding="utf-8")
+        return
+    assert versions == known, "VERSION changed: write the digests again"
+    assert found.keys() == expected[kind].keys()
+
+
+def test_bits_may_change_with_the_version_of_a_producer_only(tmp_path, monkeypatch):
+    file = tmp_path / "digests.json"
+    versions = {name: import_module(name).VERSION for name in PRODUCERS["moves"]}
+    file.write_text(json.dumps({"moves": {"a": "0"}, "versions": {"moves": versions}}), "utf-8")
+    check("moves", {"a": "0"}, file)
+    for write in ("", "write"):
+        monkeypatch.setenv("DIGESTS", write)
+        with pytest.raises(
+            pytest.fail.Exception, match=r"raise VERSION of .*agent\.moves\.observe"
+        ):
+            check("moves", {"a": "1"}, file)
+    monkeypatch.setattr("agent.moves.observe.VERSION", 2)
+    monkeypatch.delenv("DIGESTS")
+    with pytest.raises(AssertionError, match="write the digests again"):
+        check("moves", {"a": "0"}, file)
+    monkeypatch.setenv("DIGESTS", "write")
+    check("moves", {"a": "1"}, file)
+    monkeypatch.delenv("DIGESTS")
+    check("moves", {"a": "1"}, file)
+
+
+@pytest.mark.parametrize("kind", sorted(PRODUCERS))
 def test_bits_are_those_committed(kind, tmp_path, straight_policy, monkeypatch):
     monkeypatch.setattr("agent.moves.observe.WALKS", 2)
     made = {
@@ -234,9 +303,6 @@ def test_bits_are_those_committed(kind, tmp_path, straight_policy, monkeypatch):
         "worlds": lambda: _of_worlds(straight_policy),
         "calibration": _of_calibration,
         "studies": _of_studies,
+        "computed": _of_computed,
     }[kind]
-    found, expected = dict(made()), json.loads(EXPECTED.read_text("utf-8"))
-    if os.environ.get("DIGESTS") == "write":
-        expected[kind] = found
-        EXPECTED.write_text(json.dumps(expected, indent=2) + "\n", encoding="utf-8")
-    assert found == expected[kind]
+    check(kind, dict(made()), EXPECTED)

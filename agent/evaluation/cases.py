@@ -19,7 +19,6 @@ from agent.mdp.greedy import GreedyPolicy
 from agent.policies import method_name
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
-from cosim.base.reached_code import code_digest
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell
 from cosim.recording.episode import EpisodeRecorder
@@ -28,14 +27,9 @@ from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.simulate import episode_facts
 from cosim.simulation.tasks import Task, recorder_of, simulate_tasks
+from fmus.build import identity_of_fmu
 
-# What is recorded of an episode does not change it.
-RECORDS = (
-    "cosim.recording.episode",
-    "cosim.recording.file",
-    "cosim.recording.reader",
-    "agent.policies",
-)
+VERSION = 1  # of episodes: raise it when their bits change
 # What is drawn from the seed: the order of the starts, and the noise of every one.
 _ORDER, _NOISE = 0, 1
 
@@ -49,7 +43,7 @@ class CaseIdentity(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     motor_fmu_digest: str
     parameters: dict[str, float | bool | str | list[Any]]
-    code_digest: str
+    version: int
 
 
 @dataclass(frozen=True)
@@ -119,9 +113,9 @@ class Case:
             scenario_digest=policy.config.scenario.digest(),
             policy_digest=policy.digest(),
             seed=self.seed,
-            motor_fmu_digest=digest_of(self.fmu),
+            motor_fmu_digest=identity_of_fmu(self.fmu),
             parameters={name: row["value"] for name, row in self.config.table().items()},
-            code_digest=code_digest(__name__, type(policy), but=RECORDS),
+            version=VERSION,
         )
 
     @cached_property

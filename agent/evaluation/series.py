@@ -37,7 +37,7 @@ class RunFacts(msgspec.Struct, frozen=True, kw_only=True):
         seed: of start cells and speed noise.
         train_seed: of the policy; a list, the experiment's first, if it was spawned from that.
         driver: of the co-simulation.
-        motor_fmu, motor_fmu_digest: name and hash of the file.
+        motor_fmu, motor_fmu_digest: name of the file, and identity of the FMU.
         method: by which the policy was trained, "other" for interpretations of the user's own.
         versions: of this package, Python and libraries.
     """

@@ -25,6 +25,8 @@ from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
+VERSION = 1  # of plans: raise it when their bits change
+
 # Of times round parked robots, kept for every set of them, and of the board.
 MOST_TIMES, MOST_CELLS = 2_000_000, 10_000
 GAP_M = 0.0083  # assumed: between robots, as pairs keep it (`agent.moves.pair.KEPT_CELLS`)

@@ -19,7 +19,6 @@ from agent.moves.model import KINDS, NO_DIRECTION, Move, MovesError, ObservedMov
 from agent.moves.worlds import WorldRange, draw_world
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
-from cosim.base.reached_code import code_digest
 from cosim.base.storage import cache_dir, cached
 from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
@@ -28,6 +27,8 @@ from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS, Obse
 from cosim.onboard.steering import DRIVE, HOLD, PAST
 from cosim.simulation.batch import Batch
 from fmus.build import identity_of_fmu
+
+VERSION = 1  # of observed moves: raise it when their bits change
 
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
 # Each has a world of its own where worlds are drawn.
@@ -118,7 +119,7 @@ class _Walker:
 
 def source_digest(config: CoSimConfig, fmu: Path, worlds: WorldRange | None = None) -> str:
     """Hash (16 hex digits) of the parameters, motor FMU and worlds that moves depend on."""
-    return digest_of(config, identity_of_fmu(fmu), worlds)
+    return digest_of(config, identity_of_fmu(fmu), worlds, VERSION)
 
 
 def observe_moves(
@@ -206,8 +207,7 @@ def observe_moves(
 
 def moves_path(config: CoSimConfig, fmu: Path, worlds: WorldRange | None = None) -> Path:
     """Return where the cache keeps the moves of these parameters and this FMU."""
-    code = code_digest(__name__, but=["fmus.build"])  # `source_digest` covers its results
-    return cache_dir("moves") / f"{source_digest(config, fmu, worlds)}-{code}.json"
+    return cache_dir("moves") / f"{source_digest(config, fmu, worlds)}.json"
 
 
 def cached_moves(

@@ -23,6 +23,8 @@ from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
+VERSION = 1  # of fastest paths, of one robot too: raise it when their bits change
+
 KEPT_CELLS = 34.0  # cells², assumed: contact is at 25, and moves overlap in time
 GRAIN_S = 2.0**-4  # of delays
 UNREACHABLE = np.iinfo(np.uint16).max  # delay of a state without a way to the targets

@@ -87,7 +87,8 @@ class GroupPolicy(GreedyPolicy):
         seen, cells, goals = numbered(self, observation)
         axes = seen.direction % AXIS_COUNT
         asked = np.stack([cells, goals, axes]).tobytes()
-        if asked not in self._plans:
+        values = self._plans.get(asked)  # another thread may clear the plans at any time
+        if values is None:
             actions, ends = np.empty(len(cells), dtype=np.int64), np.empty(len(cells))
             plan(self.group, cells, goals, axes, actions, ends)
             values = np.full((len(cells), DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
@@ -96,7 +97,7 @@ class GroupPolicy(GreedyPolicy):
             if len(self._plans) >= _KNOWN:
                 self._plans.clear()
             self._plans[asked] = values
-        return self._plans[asked].copy()
+        return values.copy()
 
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
         """Episodes on the grid, see `agent.mdp.exact.evaluate`; by default from some starts."""
@@ -104,7 +105,7 @@ class GroupPolicy(GreedyPolicy):
         return evaluate_group(self.process, self.group, starts)
 
     def digest(self) -> str:
-        """Hash (16 hex digits) of the readings, of the code, and of what plans are made by."""
+        """Hash (16 hex digits) of the readings, of the version, and of what plans are made by."""
         return digest_of(self.config.process, self.config.kernel_version, *self.group)
 
     def maps(self) -> list[PolicyMap]:

@@ -15,6 +15,8 @@ from agent.mdp.rng import probability_threshold, seeded_state
 from agent.training.settings import LearningConfig
 from cosim.onboard.features import DIRECTION_COUNT
 
+VERSION = 1  # of trained policies and learning curves: raise it when their bits change
+
 # Maps are kept of boards with up to this many cells times robots: 10 MB.
 MAX_MAPPED_CELLS = 100_000
 

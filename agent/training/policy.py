@@ -20,10 +20,9 @@ from agent.mdp.optimum import computed_tables
 from agent.mdp.readings import build_process
 from agent.moves.bound import fastest_tables
 from agent.moves.model import ObservedMoves
-from agent.training.learning import TrainingState
+from agent.training.learning import VERSION, TrainingState
 from agent.training.settings import LearningConfig
 from cosim.base.provenance import digest_of
-from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario, ScenarioError
@@ -55,15 +54,11 @@ class Seed(msgspec.Struct, frozen=True):
         return np.random.SeedSequence(self.entropy, spawn_key=self.spawn_key)
 
 
-def _training_code() -> str:
-    return code_digest(f"{__package__}.loop")
-
-
 class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Everything that decides the bits of a policy, kept in its file.
 
     With moves it was trained on these, without on the grid, with an objective computed. Its kernel
-    version is the hash of the code that made it.
+    version names the version of what made it.
 
     Raises:
         ScenarioError: an interpretation of the process has no effect on what it is trained on.
@@ -78,7 +73,7 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     moves: ObservedMoves | None = None
     objective: Computed | None = None
     schema_version: int = SCHEMA_VERSION
-    kernel_version: str = msgspec.field(default_factory=_training_code)
+    kernel_version: str = f"training {VERSION}"
 
     def __post_init__(self) -> None:
         where = "training on the grid" if self.moves is None else "training on moves"

@@ -95,7 +95,7 @@ def find_or_train(
         save_run(folder, *trained)
         return trained
 
-    found = train() if again else load_or_create(folder, lambda: load_run(folder, config), train)
+    found = load_or_create(folder, lambda: None if again else load_run(folder, config), train)
     return *found, folder / POLICY_FILE
 
 

@@ -21,7 +21,6 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.targetconfig import ConfigStack
 
 from cosim.base.kernel_files import KernelCache
-from cosim.base.storage import lock_of
 
 Kernel = TypeVar("Kernel", bound=Callable)
 
@@ -111,7 +110,7 @@ def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:
             if kept:
                 if isinstance(dispatcher._cache, NullCache):
                     dispatcher._cache = KernelCache(function)
-                locks.enter_context(lock_of(dispatcher._cache.path))
+                locks.enter_context(dispatcher._cache.lock())
             locks.enter_context(_without_collection())
             _into_callers.append(not kept)
             locks.callback(_into_callers.pop)

@@ -13,6 +13,7 @@ import hashlib
 import inspect
 import io
 import logging
+import os
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -28,7 +29,7 @@ from numba.core.caching import (
 )
 from numba.core.extending import _Intrinsic  # pyright: ignore[reportPrivateUsage]
 
-from cosim.base.storage import cache_dir, require_no_folder
+from cosim.base.storage import cache_dir, lock_of, require_cache, require_no_folder
 
 FOLDER = cache_dir("kernels")
 _LOGGER = logging.getLogger(__name__)
@@ -94,6 +95,9 @@ class _Locator(_CacheLocator):
     def get_cache_path(self) -> Any:
         return str(FOLDER)
 
+    def ensure_cache_path(self) -> None:
+        require_cache(FOLDER)
+
     def get_source_stamp(self) -> Any:
         return self._digest
 
@@ -145,6 +149,11 @@ class KernelCache(FunctionCache):
         super().__init__(function)
         self._cache_file.__class__ = _Files
         self.path = Path(self._cache_file._index_path)
+
+    def lock(self) -> contextlib.AbstractContextManager[object]:
+        """Return the kernel's lock; none where only what is in the cache can be used."""
+        writable = os.access(self.path.parent, os.W_OK)
+        return lock_of(self.path) if writable else contextlib.nullcontext()
 
 
 def _intact(path: Path) -> bool:

@@ -7,6 +7,7 @@ import hashlib
 import logging
 import os
 import re
+import secrets
 import shutil
 import tempfile
 import threading
@@ -44,18 +45,34 @@ def cache_dir(kind: str) -> Path:
     """Folder for cached results of one kind ("fmus", "policies"), created if missing.
 
     `MINIROBOTS_CACHE` overrides the user's cache folder, `minirobots` in `$XDG_CACHE_HOME` or
-    `~/.cache`.
+    `~/.cache`. A folder that cannot be made is named where something is to be written to it.
     """
-    users = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
-    folder = Path(os.environ.get(CACHE) or users / "minirobots") / kind
-    folder.mkdir(parents=True, exist_ok=True)
+    users = os.path.expanduser(os.environ.get("XDG_CACHE_HOME") or "~/.cache")  # noqa: PTH111
+    # Without a home folder ~ stays as it is, and Path.expanduser fails.
+    folder = Path(os.environ.get(CACHE) or Path("/", users, "minirobots")).absolute() / kind
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
 def lock_of(path: Path) -> FileLock:
-    """Lock of a cached file or folder between processes, to be entered; ends with its process."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Lock of a cached file or folder between processes, to be entered; ends with its process.
+
+    Raises:
+        StorageError: the cache cannot be written.
+    """
+    with contextlib.suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    require_cache(path.parent)
     return FileLock(path.with_name(f".{path.name}.lock"))
+
+
+def require_cache(folder: Path) -> None:
+    """Refuse a folder of the cache where nothing can be written; raises StorageError."""
+    if not os.access(folder, os.W_OK):
+        raise StorageError(
+            f"{folder}: the cache cannot be written; set {CACHE} to a folder that can be"
+        )
 
 
 def lock_open(file: int | IO[bytes], *, wait: bool = True) -> None:
@@ -72,6 +89,51 @@ def lock_open(file: int | IO[bytes], *, wait: bool = True) -> None:
         fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
 
 
+def lock_alone(file: int | IO[bytes], path: Path) -> None:
+    """Lock an open file or folder until it is closed, where its file system has locks.
+
+    Raises:
+        StorageError: another process has it locked; the message names `path`.
+    """
+    try:
+        lock_open(file, wait=False)
+    except BlockingIOError:
+        raise StorageError(
+            f"{path}: another run writes to it; wait until that ends, or choose another --out"
+        ) from None
+    except OSError:
+        pass
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Make a folder if it is missing, and keep other runs out of it until the end.
+
+    Raises:
+        StorageError: another run is in it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with contextlib.ExitStack() as stack:
+        if fcntl is not None:
+            handle = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, handle)
+            lock_alone(handle, folder)
+        yield
+
+
+def new_folder(path: Path) -> Path:
+    """Make a folder of this name, if there is none; else one with -2, -3 and so on after it."""
+    made, number = path, 1
+    while True:
+        try:
+            made.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+            made = path.with_name(f"{path.name}-{number}")
+        else:
+            return made
+
+
 def load_or_create(
     path: Path, load: Callable[[], Value | None], make: Callable[[], Value]
 ) -> Value:
@@ -81,6 +143,9 @@ def load_or_create(
         path: of the cached file or folder.
         load: reads it; None if it is missing or damaged.
         make: makes and writes it.
+
+    Raises:
+        StorageError: it is missing, and the cache cannot be written.
     """
     found = load()
     if found is None:
@@ -109,7 +174,7 @@ def cached(
         again: make it even if it is there.
 
     Raises:
-        StorageError: a folder is in the file's place.
+        StorageError: a folder is in the file's place, or the cache cannot be written.
     """
     require_no_folder(path)
 
@@ -121,9 +186,7 @@ def cached(
         write_checksum(path)
         return value
 
-    if again:
-        return remake()
-    places = path, PACKAGED / path.parent.name / path.name
+    places = () if again else (path, PACKAGED / path.parent.name / path.name)
 
     def find() -> Value | None:
         return next((load(place) for place in places if is_intact(place)), None)
@@ -179,10 +242,6 @@ def replacing(path: Path) -> Iterator[Path]:
     lock, temporary = _temporary(path)
     try:
         yield temporary
-        # mkstemp makes private files; results are as readable as the user's umask allows.
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
         if os.name == "nt":
             lock.close()  # open files cannot be renamed there
         temporary.replace(path)
@@ -250,11 +309,15 @@ def write_whole(path: Path, content: str | bytes) -> None:
 def _temporary(path: Path) -> tuple[BinaryIO, Path]:
     """A new file next to `path`, locked as long as the process lives or until it is closed."""
     while True:
-        handle, name = tempfile.mkstemp(path.suffix, _beginning(path), path.parent)
+        name = path.with_name(f"{_beginning(path)}{secrets.token_hex(4)}{path.suffix}")
+        try:  # without tempfile, whose files other users may not read whatever the umask is
+            handle = os.open(name, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        except FileExistsError:
+            continue
         with contextlib.suppress(OSError):  # of a file system without locks: nothing is swept there
             lock_open(handle)
         if os.fstat(handle).st_nlink:
-            return os.fdopen(handle, "rb"), Path(name)
+            return os.fdopen(handle, "rb"), name
         os.close(handle)  # swept before it was locked
 
 

@@ -8,9 +8,8 @@ from pathlib import Path
 
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
-from cosim.base.reached_code import code_digest
 from cosim.base.storage import cache_dir, cached
-from cosim.calibration.measuring import measure
+from cosim.calibration.measuring import VERSION, measure
 from cosim.calibration.speed_map import DRIVES, Calibration, load_calibration
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.parameters import with_motor
@@ -19,10 +18,9 @@ from fmus.build import identity_of_fmu
 
 
 def digest(config: CoSimConfig, motor_fmu: Path) -> str:
-    """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise, code."""
+    """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise."""
     timing = config.timing
     clock = (timing.dt_s, timing.communication_step_s, timing.control_period_s)
-    code = code_digest(measure)
     further = [given for given in config.motor_parameters if given[0] not in config.motor._fields]
     return digest_of(
         config.robot,
@@ -33,7 +31,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
         config.reaction,
         (config.world.restitution or 0.0, config.world.payload_g, config.world.payload_offset_mm),
         identity_of_fmu(motor_fmu),
-        code,
+        VERSION,
         *([further] if further else []),
     )
 

@@ -14,6 +14,8 @@ import selectors
 import threading
 from pathlib import Path
 
+from cosim.base.storage import StorageError, lock_alone
+
 try:
     import fcntl
 except ImportError:  # Windows
@@ -33,6 +35,7 @@ class PipedFile:
 
     Raises:
         OSError: the file cannot be opened.
+        StorageError: another process writes to it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -41,7 +44,13 @@ class PipedFile:
         self._thread = None
         if os.name == "nt":
             return
-        self._file = path.open("wb", buffering=0)
+        self._file = path.open("ab", buffering=0)
+        try:
+            lock_alone(self._file, path)
+        except StorageError:
+            self._file.close()
+            raise
+        self._file.truncate(0)
         self._reader, self._writer = os.pipe()
         os.set_blocking(self._reader, False)
         if fcntl is not None and hasattr(fcntl, "F_SETPIPE_SZ"):  # else it holds 64 kB

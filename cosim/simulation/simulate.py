@@ -15,7 +15,7 @@ import numpy as np
 
 from cosim.base.arguments import require_one_of, taken, taken_seed
 from cosim.base.progress import Progress, automatic, showing, silent
-from cosim.base.provenance import digest_of, versions
+from cosim.base.provenance import versions
 from cosim.coupling.rl_step import Step, SupportsAct, sampled_of
 from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import World
@@ -29,6 +29,7 @@ from cosim.simulation.driving import SupportsDrive, options_for
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import options_of, resolve
 from cosim.simulation.tasks import Task, recorder_of, simulate_tasks
+from fmus.build import identity_of_fmu
 
 
 @showing
@@ -129,7 +130,7 @@ def episode_facts(
         "seed": seed,
         "driver": driver,
         "motor_fmu": fmu.name,
-        "motor_fmu_digest": digest_of(fmu),
+        "motor_fmu_digest": identity_of_fmu(fmu),
         "versions": versions(),
         "episode": number,
         "starts": starts,

@@ -29,6 +29,7 @@ from cosim.simulation.batch import Batch, places_for, shared
 from cosim.simulation.driving import DrivenEpisode, SupportsDrive, drives
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.result import EpisodeResult, facts_of, result_of
+from fmus.build import identity_of_fmu
 
 
 def recorder_of(
@@ -50,7 +51,7 @@ class EpisodeOrigin(msgspec.Struct, frozen=True):
     Attributes:
         scenario, config, starts, driver: of the task.
         entropy, spawn_key: of its seed; the former as text, because it may have 128 bits.
-        motor_fmu: digest of the file.
+        motor_fmu: identity of the FMU, see `fmus.build.identity_of_fmu`.
     """
 
     scenario: Scenario
@@ -93,7 +94,7 @@ class Task:
     @property
     def origin(self) -> EpisodeOrigin:
         """Return what determines the episode."""
-        seed, fmu = self.seed, digest_of(self.fmu)
+        seed, fmu = self.seed, identity_of_fmu(self.fmu)
         return EpisodeOrigin(
             self.scenario,
             self.config,
@@ -126,7 +127,7 @@ class Task:
         Raises:
             ConfigError: the FMU was another one.
         """
-        if origin.motor_fmu != digest_of(fmu):
+        if origin.motor_fmu != identity_of_fmu(fmu):
             raise ConfigError(
                 f"motor FMU {fmu} is not the one that was recorded; name that by --motor-fmu"
             )

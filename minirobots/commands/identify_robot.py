@@ -10,7 +10,7 @@ from cosim.base.command import MotorFmuFile, MotorParameters
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
 from cosim.model.preset import PAPER
-from minirobots.options import Folder, IsolatedOptions
+from minirobots.options import Folder, IsolatedOptions, ending
 
 
 class IdentifyRobot(IsolatedOptions):
@@ -23,7 +23,7 @@ class IdentifyRobot(IsolatedOptions):
 
     track: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="TRACK.csv")] = None
     """The track."""
-    excite: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
+    excite: Annotated[Path | None, ending(".csv"), tyro.conf.arg(metavar="FILE.csv")] = None
     """Write the motor speeds to drive a robot with: time, omega_1, omega_2."""
     out: Folder = Path("runs/robot")
     """Output folder: preset.toml, identification.json, report.html."""

@@ -9,7 +9,7 @@ import tyro
 from analysis.motor.loop_options import StepTest
 from cosim.base.command import MotorFmuFile
 from cosim.base.progress import Progress
-from minirobots.options import File, IsolatedOptions
+from minirobots.options import File, IsolatedOptions, ending
 
 
 class MotorTest(IsolatedOptions):
@@ -19,7 +19,7 @@ class MotorTest(IsolatedOptions):
     brakes it: the open loop settles elsewhere, the closed loop returns to its set point.
     """
 
-    out: File = Path("runs/motor_test.rrd")
+    out: Annotated[File, ending(".rrd")] = Path("runs/motor_test.rrd")
     """Recording to write (.rrd)."""
     motor_fmu: MotorFmuFile = None
     test: Annotated[StepTest, tyro.conf.OmitArgPrefixes] = field(default_factory=StepTest)

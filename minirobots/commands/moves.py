@@ -11,7 +11,7 @@ from agent.moves.worlds import RANGES, WorldRange
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError
 from cosim.simulation.options import DecisionOptions, Physics
-from minirobots.options import Count, File, IsolatedOptions, Jobs, Seed
+from minirobots.options import Count, File, IsolatedOptions, Jobs, Seed, ending
 
 
 class ObserveMoves(IsolatedOptions):
@@ -22,7 +22,7 @@ class ObserveMoves(IsolatedOptions):
     worlds that are not ideal.
     """
 
-    out: File = Path("runs/moves.json")
+    out: Annotated[File, ending(".json")] = Path("runs/moves.json")
     """File to write (.json)."""
     moves: Count = 24
     """Moves of each of the 8 kinds (straight or diagonal, after a turn of 0, 45, 90 or -45 deg)."""

@@ -9,7 +9,7 @@ import tyro
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
 from cosim.model.preset import PAPER, find_preset
-from minirobots.options import CommandOptions, File, Friction, PresetName
+from minirobots.options import CommandOptions, File, Friction, PresetName, ending
 
 MAX_CYCLES = 100
 
@@ -21,7 +21,7 @@ class MovePlatform(CommandOptions):
     another machine. The result file also holds a table of net speeds over friction and motor speed.
     """
 
-    out: File = Path("runs/platform.npz")
+    out: Annotated[File, ending(".npz")] = Path("runs/platform.npz")
     """Result file (.npz)."""
     cycles: int = 6
     """Turns of the motor to show."""

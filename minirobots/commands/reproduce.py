@@ -1,10 +1,12 @@
 """Reproduce the whole paper: every experiment, every figure and the report."""
 
 import sys
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
+from cosim.base.storage import alone_in
 from minirobots.options import Folder, Jobs, Resumable, Seed
 
 
@@ -35,6 +37,10 @@ class Reproduce(Resumable):
                 "--quick, --seed and --jobs have no effect with --report-only, which runs no "
                 "experiment; leave them out"
             )
+
+    def alone(self) -> AbstractContextManager[None]:
+        """Keep other runs out of the output folder."""
+        return alone_in(self.out)
 
 
 def run(options: Reproduce, progress: Progress) -> dict[str, str]:

@@ -1,6 +1,5 @@
 """Train, co-simulate and record episodes."""
 
-import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -9,7 +8,7 @@ import tyro
 
 from agent.training.settings import COMPUTED, Method
 from cosim.base.command import workers
-from cosim.base.errors import UserError, in_shell
+from cosim.base.errors import in_shell
 from cosim.base.progress import Progress, under_way
 from cosim.model.config import ConfigError
 from cosim.recording.live import DEFAULT_VIEWER
@@ -153,14 +152,8 @@ def run(options: Run, progress: Progress) -> Iterator[Any]:
     config = with_bursts(config, options.record)
     out.mkdir(parents=True, exist_ok=True)
     driver, threads = chosen_driver(options.driver, fmu, config), workers(options.jobs)
-    try:
-        with compiling_ahead(scenario.robots, driver, options.episodes, threads):
-            policy, log = _policy(options, scenario, progress)
-    except UserError:
-        if options.out is None:  # nothing is in it
-            with contextlib.suppress(OSError):
-                out.rmdir()
-        raise
+    with compiling_ahead(scenario.robots, driver, options.episodes, threads):
+        policy, log = _policy(options, scenario, progress)
     facts = _facts(options, scenario, policy, fmu, driver)
     series = Series(
         scenario,
@@ -234,7 +227,8 @@ def _facts(
 ) -> "RunFacts":
     from agent.evaluation.series import RunFacts
     from agent.policies import method_name
-    from cosim.base.provenance import digest_of, versions
+    from cosim.base.provenance import versions
+    from fmus.build import identity_of_fmu
 
     seed = policy.config.seed
     return RunFacts(
@@ -244,7 +238,7 @@ def _facts(
         train_seed=seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
         driver=driver,
         motor_fmu=fmu.name,
-        motor_fmu_digest=digest_of(fmu),
+        motor_fmu_digest=identity_of_fmu(fmu),
         method=method_name(policy),
         versions=versions(),
     )

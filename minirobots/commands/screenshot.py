@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import tyro
 
 from cosim.base.progress import Progress, under_way
-from minirobots.options import CommandOptions, File
+from minirobots.options import CommandOptions, File, ending
 
 
 class Screenshot(CommandOptions):
@@ -20,7 +20,7 @@ class Screenshot(CommandOptions):
 
     recording: tyro.conf.Positional[Path]
     """Recording to open (.rrd)."""
-    out: File = Path("screenshot.png")
+    out: Annotated[File, ending(".png")] = Path("screenshot.png")
     """Picture to write (.png)."""
     width: Annotated[int, tyro.conf.arg(metavar="PX")] = 1280
     """Width of the picture in pixels."""

@@ -19,9 +19,10 @@ from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
 from cosim.base import storage
-from cosim.base.storage import cache_dir
+from cosim.base.storage import alone_in, cache_dir
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.reader import read_episode
+from minirobots.commands.run import Run
 
 BRIEF = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
 
@@ -275,6 +276,28 @@ def test_results_of_another_run_are_not_replaced(run, runs, tmp_path):
     assert summary_of(tmp_path / "a") == summary
     (tmp_path / "a" / "summary.json").write_text("{}")
     assert "not a summary of a run or damaged" in run(*same, "--episodes", 2).stderr
+
+
+@pytest.mark.parametrize("name", ["run", "train", "experiments", "reproduce"])
+def test_a_folder_in_use_is_refused(command, tmp_path, name):
+    arguments = ("fig08", "--runs", 1) if name == "experiments" else ()
+    with alone_in(tmp_path / "out"):
+        done = command(name, *arguments, "--out", tmp_path / "out")
+    said = f"error: {tmp_path / 'out'}: another run writes to it; wait until that ends, or choose"
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert done.stderr.startswith(said)
+    assert [*(tmp_path / "out").iterdir()] == []
+
+
+def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    runs = [Run(scenario="2") for _ in range(5)]
+    assert len({run.folder for run in runs}) == 5
+    with runs[0].alone():
+        (runs[0].folder / "summary.json").touch()
+    with runs[1].alone():
+        pass
+    assert [run.folder.exists() for run in runs[:3]] == [True, False, True]
 
 
 @pytest.mark.long

@@ -83,6 +83,27 @@ def test_command_does_what_its_module_does(program, tmp_path):
     assert not (tmp_path / "x").exists()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (("export", "FILE", "--to", "csv"), "--out"),
+        (("export", "FILE", "--to", "parquet"), "--out"),
+        (("identify-robot",), "--excite"),
+        (("motor-test",), "--out"),
+        (("moves",), "--out"),
+        (("platform",), "--out"),
+        (("screenshot", "FILE"), "--out"),
+    ],
+)
+def test_results_replace_no_file_of_another_kind(program, tmp_path, arguments, option):
+    kept = tmp_path / ("a.csv" if arguments[0] == "motor-test" else "a.rrd")
+    kept.write_text("kept")
+    done = program(*(kept if a == "FILE" else a for a in arguments), option, kept)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert kept.name in done.stderr
+    assert kept.read_text() == "kept"
+
+
 def test_unknown_command_gets_one_sentence(program):
     done = program("fly", "--help")
     assert (done.returncode, done.stdout) == (2, "")

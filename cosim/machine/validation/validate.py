@@ -14,9 +14,8 @@ import numpy as np
 from cosim.base.jobs import JobKind, Workers, run
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
-from cosim.base.reached_code import code_digest
 from cosim.base.reading import Kind, read_json
-from cosim.base.storage import cache_dir, is_intact, write_checksum, write_json
+from cosim.base.storage import cache_dir, is_intact, require_cache, write_checksum, write_json
 from cosim.calibration.cache import calibrated
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.parameters import with_motor
@@ -37,6 +36,9 @@ from cosim.machine.validation.report import ValidationReport, report_of
 from cosim.machine.validation.sensitivity import closed_form, sensitivities
 from cosim.model.config import CoSimConfig
 from cosim.model.preset import PAPER, PresetError, find_preset
+from fmus.build import identity_of_fmu
+
+VERSION = 1  # of measurements: raise it when their bits change
 
 What = Literal["speed", "slopes", "ends"]
 _FILE = Kind("kept measurement", "measure it again", PresetError)
@@ -78,7 +80,7 @@ class Measurement:
     def digest(self) -> str:
         """Hash (16 hex digits) of what decides the result."""
         parts = self.what, self.config, self.of, self.count, self.dithered, self.seed
-        return digest_of(*parts, self.fmu, code_digest(__name__))
+        return digest_of(*parts, identity_of_fmu(self.fmu), VERSION)
 
     @property
     def key(self) -> tuple[str, None]:
@@ -109,7 +111,10 @@ class _Cache:
 
     def find(self, job: Measurement) -> Any:
         """Return the result of a measurement, None if it is missing or damaged."""
-        return read_json(job.path, _FILE) if is_intact(job.path) else None
+        if is_intact(job.path):
+            return read_json(job.path, _FILE)
+        require_cache(job.path.parent)  # before anything is measured
+        return None
 
     def keep(self, job: Measurement, row: Any) -> None:
         """Keep the result of a measurement."""

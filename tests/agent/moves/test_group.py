@@ -55,6 +55,22 @@ def test_a_plan_keeps_clear_of_a_move_under_way():
         assert np.isnan(decision.values[1]).all()  # it ends its move first
 
 
+class Cleared(dict):
+    """Plans that another thread clears as soon as a policy has looked for one."""
+
+    def __contains__(self, key: object) -> bool:
+        found = super().__contains__(key)
+        self.clear()
+        return found
+
+
+def test_a_policy_may_forget_its_plans_while_another_thread_asks():
+    policy, seen = planned(SWAP), observe(SWAP, [(2, 8), (16, 12)], [0, 2])
+    vars(policy)["_plans"] = Cleared()
+    first, again = (policy.q_values(seen).tolist() for _ in range(2))
+    assert first == again
+
+
 def test_robots_that_have_arrived_are_passed():
     group = planned(SWAP).group
     past, alone = group.around[0, 0b10], group.around[0, 0]

@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from cosim.base.storage import StorageError, cached, named, replacing, write_json
+from tests.faults.test_disks import powerless as without_power
 
 KEPT = "kept"
 
@@ -77,6 +79,67 @@ def test_a_file_that_may_not_be_read_is_made_again():
         command = [sys.executable, "-c", script, folder]
         run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.stdout == "made\nmade\n", run.stderr
+
+
+USED = """
+import sys
+from pathlib import Path
+from cosim.base.errors import run_command
+from cosim.base.jit import kernel
+from cosim.base.storage import cache_dir, cached
+
+@kernel
+def doubled(value):
+    return NUMBER * value
+
+def main():
+    path = cache_dir("bounds") / sys.argv[1]
+    print(cached(path, Path.read_text, lambda: "x", lambda value, to: to.write_text(value)))
+    print(doubled(float(sys.argv[2])) if sys.argv[2] == "1" else doubled(3))
+
+run_command(main)
+"""
+
+
+@pytest.mark.long
+def test_a_cache_that_cannot_be_written_is_used_as_far_as_it_goes(tmp_path):
+    script, cache = tmp_path / "use.py", tmp_path / "cache"
+    script.write_text(USED.replace("NUMBER", "2.5"))
+
+    def use(*arguments, folder=cache, powerless=True):
+        done = subprocess.run(
+            [sys.executable, script, *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+            env=os.environ | {"MINIROBOTS_CACHE": str(folder)},
+            preexec_fn=without_power if powerless else None,
+        )
+        return done.returncode, done.stdout, done.stderr
+
+    assert use("a", "1", powerless=False) == (0, "x\n2.5\n", "")
+    for folder in (cache, *cache.iterdir()):
+        folder.chmod(0o555)
+    said = "the cache cannot be written; set MINIROBOTS_CACHE to a folder that can be\n"
+    assert use("a", "1") == (0, "x\n2.5\n", "")
+    assert use("b", "1") == (2, "", f"error: {cache / 'bounds'}: {said}")
+    assert use("a", "2") == (2, "x\n", f"error: {cache / 'kernels'}: {said}")
+    other = Path("/proc/cache")
+    assert use("a", "1", folder=other) == (2, "", f"error: {other / 'bounds'}: {said}")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="becomes a user without an entry in passwd")
+def test_a_user_without_a_home_folder_is_told_of_the_variable():
+    script = (
+        "import os; from cosim.base.errors import run_command;"
+        "from cosim.base.storage import cache_dir, lock_of; os.setuid(54321);"
+        "run_command(lambda: print(lock_of(cache_dir('bounds') / 'a')))"
+    )
+    env = {k: v for k, v in os.environ.items() if k not in ("HOME", "MINIROBOTS_CACHE")}
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=env)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(r"error: .*/bounds: .* set MINIROBOTS_CACHE .*\n", done.stderr)
 
 
 def test_a_folder_in_the_place_of_a_file_is_named(tmp_path):
@@ -209,6 +272,17 @@ def test_json_has_lists_of_numbers_on_one_line(tmp_path):
     assert '"cells": [[[1,2],[-3,4.5e-9]],[[0,0]]],\n' in text
     assert '"starts": [[1,2],[3,4]],\n' in text
     assert '"a",\n' in text
+
+
+def test_files_are_as_readable_as_the_umask_allows(tmp_path, monkeypatch):
+    before = os.umask(0o027)
+    try:
+        monkeypatch.setattr(os, "umask", None)  # which would be that of all threads
+        write_json(tmp_path / "a.json", [])
+    finally:
+        monkeypatch.undo()
+        os.umask(before)
+    assert (tmp_path / "a.json").stat().st_mode & 0o777 == 0o640
 
 
 def test_a_file_of_another_name_is_refused():

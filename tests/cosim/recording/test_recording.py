@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from cosim.base.storage import StorageError
 from cosim.coupling.fmu import FmuError
 from cosim.coupling.rl_step import Decision
 from cosim.coupling.signals import RawSamples, Samples
@@ -90,6 +91,16 @@ def test_a_complete_recording_leaves_no_thread(tmp_path):
         with Recording(tmp_path / f"{number}.rrd", str(number), None):
             pass
     assert threads() <= before
+
+
+def test_a_file_that_is_being_written_is_refused(tmp_path):
+    path = tmp_path / "a.rrd"
+    with Recording(path, "a", None) as file:
+        file.properties("of", {"run": "first"})
+        with pytest.raises(StorageError, match=r"a\.rrd\.part: another run writes to it; wait"):
+            Recording(path, "b", None)
+        file.properties("of", {"more": "first"})
+    assert read_rrd(path).properties["of"] == {"run": "first", "more": "first"}
 
 
 def test_short_rl_steps_have_no_more_bursts(motor_fmu, tmp_path):

@@ -10,12 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
+import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
+from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.params import TABLE_II, TIMING, describe
+from cosim.model.scenario_file import find_scenario
+from cosim.simulation.tasks import Task
 from fmus import build, compiler, models
 from fmus.variables import load_table, render_header
 
@@ -149,6 +153,50 @@ def test_token_is_another_one_when_any_part_of_the_fmu_is(name, old, new, monkey
     assert old in text
     (sources / name).write_text(text.replace(old, new, 1), "utf-8")
     assert build.instantiation_token(build.load_table()) != before
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "same"),
+    [
+        ("vibration_motor/motor.h", "return", "return 2 *", False),
+        ("vibration_motor/variables.toml", "max = ", "max = 1", False),
+        ("vibration_motor/motor.h", "/*", "/* Note: ", True),
+        ("vibration_motor/motor.h", "return", "return  ", True),
+        ("vibration_motor/variables.toml", 'description = "', 'description = "Another ', True),
+        ("build.py", '"""', '"""Note: ', True),
+    ],
+)
+def test_a_built_in_fmu_is_known_by_what_it_computes(name, old, new, same, monkeypatch, tmp_path):
+    sources = shutil.copytree(models.ROOT, tmp_path / "sources")
+    for module in (build, models):
+        monkeypatch.setattr(module, "ROOT", sources)
+    before = build.digest_of_sources.__wrapped__("VibrationMotor")
+    text = (sources / name).read_text("utf-8")
+    assert old in text
+    (sources / name).write_text(text.replace(old, new, 1), "utf-8")
+    assert (build.digest_of_sources.__wrapped__("VibrationMotor") == before) == same
+
+
+def test_a_replay_takes_another_build_of_the_fmu_that_was_recorded(fmu, monkeypatch, tmp_path):
+    """Of a relative cache on another machine: other bytes, and the same results."""
+    given: Any = CoSimConfig(), None, ((0, 0),), np.random.SeedSequence(0)
+    origin = Task(find_scenario("1a"), fmu, *given).origin
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MINIROBOTS_CACHE", "cache")
+
+    def rebuild(folder: Path, _: str) -> Path:
+        with zipfile.ZipFile(folder / "VibrationMotor.fmu", "w") as archive:
+            archive.writestr("modelDescription.xml", "of another machine")
+        return folder
+
+    monkeypatch.setattr(build, "build_fmu", rebuild)
+    path = build.cached_fmu("VibrationMotor").absolute()
+    other = Path(shutil.copy(path, tmp_path))
+    assert build.is_built_in(path) and not build.is_built_in(other)
+    policy: Any = None
+    assert Task.again(origin, path, policy).origin == origin
+    with pytest.raises(ConfigError, match="is not the one that was recorded"):
+        Task.again(origin, other, policy)
 
 
 def test_exports_are_the_two_standards_and_nothing_else(library):
