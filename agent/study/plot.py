@@ -122,53 +122,48 @@ def _draw_panel(
 @styled
 def draw_map(
     panels: Mapping[str, Sequence[Any]],
-    across: Callable[[Any], Any],
-    up: Callable[[Any], Any],
+    labels: Callable[[Any], Mapping[str, Any]],
+    axes: tuple[str, str],
     *,
     quantity: str = "success",
-    axes: tuple[str, str] = ("", ""),
     title: str = "",
 ) -> Figure:
     """Draw a quantity of rows over two axes as colours, with its value in each cell.
 
     Args:
         panels: rows of each panel, by its title.
-        across, up: of a row, its value on the axis to the right and on the one upwards.
+        labels: of a row, its values by the names of the axes.
+        axes: names of the one to the right and of the one upwards.
         quantity: one of QUANTITIES.
-        axes: names of both.
         title: of the figure.
     """
-    places = [
-        list(dict.fromkeys(of(row) for rows in panels.values() for row in rows))
-        for of in (across, up)
-    ]
-    places = [sorted(v) if all(map(_is_number, v)) else v for v in places]
+    rows = [row for each in panels.values() for row in each]
+    places = [list(dict.fromkeys(labels(row)[axis] for row in rows)) for axis in axes]
+    across, up = (sorted(v) if all(map(_is_number, v)) else v for v in places)
+    measured = _measures(rows, quantity)[0]
+    limits = (0.0, 100.0) if quantity in ENDS else (np.nanmin(measured), np.nanmax(measured))
     columns = min(_COLUMNS, len(panels))
     lines = -(-len(panels) // columns)
-    size = (
-        1.0 + columns * max(2.8, 0.5 * len(places[0])),
-        0.6 + lines * (1.0 + 0.4 * len(places[1])),
-    )
+    size = (1.0 + columns * max(2.8, 0.5 * len(across)), 0.6 + lines * (1.0 + 0.4 * len(up)))
     figure = Figure(figsize=size, layout="constrained")
-    grids = {}
-    for name, rows in panels.items():
-        grids[name] = grid = np.full((len(places[1]), len(places[0])), np.nan)
-        for row, measured in zip(rows, _measures(rows, quantity)[0], strict=True):
-            grid[places[1].index(up(row)), places[0].index(across(row))] = measured
-    found = np.concatenate([grid.ravel() for grid in grids.values()])
-    found = found[np.isfinite(found)]
-    low, high = (0.0, 100.0) if quantity in ENDS or not len(found) else (found.min(), found.max())
-    for number, (name, grid) in enumerate(grids.items()):
+    for number, (name, own) in enumerate(panels.items()):
         panel = figure.add_subplot(lines, columns, number + 1)
-        image = panel.imshow(grid, origin="lower", aspect="auto", cmap="Blues", vmin=low, vmax=high)
+        grid = np.full((len(up), len(across)), np.nan)
+        for row, value in zip(own, _measures(own, quantity)[0], strict=True):
+            column, line = (
+                v.index(labels(row)[n]) for v, n in zip((across, up), axes, strict=True)
+            )
+            grid[line, column] = value
+            if np.isfinite(value):
+                colour = "white" if value > np.mean(limits) else BLACK
+                middle = {"ha": "center", "va": "center", "fontsize": 7}
+                panel.text(column, line, f"{value:.3g}", color=colour, **middle)
+        image = panel.imshow(
+            grid, origin="lower", aspect="auto", cmap="Blues", vmin=limits[0], vmax=limits[1]
+        )
         panel.grid(visible=False)
-        for (line, column), measured in np.ndenumerate(grid):
-            if np.isfinite(measured):
-                colour = "white" if measured > 0.5 * (low + high) else BLACK
-                text = f"{measured:.3g}"
-                panel.text(column, line, text, ha="center", va="center", color=colour, fontsize=7)
-        panel.set_xticks(range(len(places[0])), list(map(str, places[0])), fontsize=7)
-        panel.set_yticks(range(len(places[1])), list(map(str, places[1])), fontsize=7)
+        panel.set_xticks(range(len(across)), list(map(str, across)), fontsize=7)
+        panel.set_yticks(range(len(up)), list(map(str, up)), fontsize=7)
         panel.set_title(name, loc="left")
         panel.set(xlabel=axes[0], ylabel=axes[1])
         figure.colorbar(image, ax=panel, label=QUANTITIES[quantity][0])

@@ -36,7 +36,6 @@ from cosim.base.reading import Kind, read_toml
 from cosim.base.storage import replacing, write_json, write_whole
 from cosim.base.table import Column, Columns, arrow_of, field, markdown, write_parquet
 from cosim.base.table import show as show_table
-from cosim.model.outcome import ENDS
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
 from cosim.model.world import World
@@ -147,27 +146,12 @@ class StudyTable:
             ConfigError: no such option varies, or there is no such quantity.
         """
         require_one_of("quantity", quantity, QUANTITIES)
-        what = quantity.rpartition("_")[0] if quantity not in ENDS else quantity
-        what = what.replace("_", " ")
-        several = len({row.scenario for row in self.rows}) > 1
-
-        def place(name: str) -> Callable[[StudyRow], Any]:
-            def of(row: StudyRow) -> Any:
-                value = row.labels()[name]
-                return value if isinstance(value, int | float) else str(value)
-
-            return of
-
-        panels: dict[str, list[StudyRow]] = {}
+        label = QUANTITIES[quantity][0]
         if axis is None and len(self.axes) == 2:
-            for row in self.rows:
-                name = f"{row.policy}, scenario {row.scenario}" if several else row.policy
-                panels.setdefault(name, []).append(row)
             across, up = self.axes
-            names, title = (across, up), f"{what} over {across} and {up}"
-            return draw_map(
-                panels, place(across), place(up), quantity=quantity, axes=names, title=title
-            )
+            panels = self._panels(lambda row: f"{row.policy}, scenario {row.scenario}")
+            title = f"{label} over {across} and {up}"
+            return draw_map(panels, StudyRow.labels, (across, up), quantity=quantity, title=title)
         chosen = axis or (self.axes[0] if self.axes else "scenario")
         if chosen not in {*self.axes, "scenario"}:
             known = ", ".join(self.axes) or "nothing"
@@ -177,14 +161,23 @@ class StudyTable:
             others = [f"{n} {_text(row.options[n])}" for n in self.axes if n != chosen]
             return ", ".join([row.policy, *others])
 
-        for row in self.rows:
-            name = "all scenarios" if chosen == "scenario" else f"scenario {row.scenario}"
-            panels.setdefault(name, []).append(row)
+        whole = chosen == "scenario"
+        panels = self._panels(lambda row: "all scenarios" if whole else f"scenario {row.scenario}")
         bars = "; bars: 95 % intervals" if f"{quantity}_low" in StudyRow.__struct_fields__ else ""
-        title = f"{what} over {chosen}{bars}"
         return draw_measure(
-            panels, place(chosen), series, quantity=quantity, axis=chosen, title=title
+            panels,
+            lambda row: row.labels()[chosen],
+            series,
+            quantity=quantity,
+            axis=chosen,
+            title=f"{label} over {chosen}{bars}",
         )
+
+    def _panels(self, name: Callable[[StudyRow], str]) -> dict[str, list[StudyRow]]:
+        panels: dict[str, list[StudyRow]] = {}
+        for row in self.rows:
+            panels.setdefault(name(row), []).append(row)
+        return panels
 
     def write(self, path: str | Path, quantity: str = "success") -> None:
         """Write the table as Parquet, JSON or Markdown, or its plot as PNG, by the suffix.

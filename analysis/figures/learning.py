@@ -1,6 +1,6 @@
 """Figures 8, 10, 11 and `sequel`: learning curves of experiments; path lengths next to bounds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -137,24 +137,25 @@ def plot_band(
     axes.fill_between(episodes, low, high, color=colour, alpha=0.25, linewidth=0)
 
 
+def _draw_pair(pair: Sequence[Axes], variant: VariantCurves, prefix: str, label: str) -> None:
+    """Draw success and path length over episodes on two axes; prefix is "" or "greedy_"."""
+    episodes = getattr(variant.logs[0], f"{prefix}episode")
+    success = 100.0 * variant.curves(f"{prefix}success")
+    plot_band(pair[0], episodes, success, label, 100.0)
+    plot_band(pair[1], episodes, variant.curves(f"{prefix}path_length_cm"), label)
+
+
 def draw_by_scenario(variants: dict[str, VariantCurves]) -> Figure:
     """Success rate and path length of the greedy policy over episodes, a scenario per column."""
     scenarios = list(dict.fromkeys(v.scenario for v in variants.values()))
-    rows = (
-        ("greedy_success", 100.0, "success in %", 100.0),
-        ("greedy_path_length_cm", 1.0, "path in cm", np.inf),
-    )
     figure, grid = plt.subplots(
         2, len(scenarios), figsize=(WIDTH_IN, 4.0), sharex=True, sharey="row", squeeze=False
     )
-    for axes, (curve, factor, label, most) in zip(grid, rows, strict=True):
-        for variant in variants.values():
-            place = axes[scenarios.index(variant.scenario)]
-            episodes, curves = variant.logs[0].greedy_episode, factor * variant.curves(curve)
-            name = variant.label.removeprefix(f"{variant.scenario}, ")
-            plot_band(place, episodes, curves, name, most)
-        axes[0].set_ylabel(label)
-    grid[0, 0].set_ylim(-3, 103)
+    for variant in variants.values():
+        label = variant.label.removeprefix(f"{variant.scenario}, ")
+        _draw_pair(grid[:, scenarios.index(variant.scenario)], variant, "greedy_", label)
+    grid[0, 0].set(ylabel="success in %", ylim=(-3, 103))
+    grid[1, 0].set_ylabel("path in cm")
     for axes, name in zip(grid.T, scenarios, strict=True):
         axes[0].set_title(f"scenario {name}", loc="left")
         axes[1].set_xlabel("episodes in millions")
@@ -165,14 +166,10 @@ def draw_by_scenario(variants: dict[str, VariantCurves]) -> Figure:
 def draw_learning_curves(variants: dict[str, VariantCurves]) -> Figure:
     """Success rate and path length over episodes: while exploring, and of the greedy policy."""
     figure, grid = plt.subplots(2, 2, figsize=(WIDTH_IN, 4.6), sharex=True)
-    rows = (("episode", "", "while learning"), ("greedy_episode", "greedy_", "greedy, all starts"))
-    for axes, (episode, prefix, title) in zip(grid, rows, strict=True):
+    rows = (("", "while learning"), ("greedy_", "greedy, all starts"))
+    for axes, (prefix, title) in zip(grid, rows, strict=True):
         for variant in variants.values():
-            episodes = getattr(variant.logs[0], episode)
-            success = 100.0 * variant.curves(f"{prefix}success")
-            path_length_cm = variant.curves(f"{prefix}path_length_cm")
-            plot_band(axes[0], episodes, success, variant.label, 100.0)
-            plot_band(axes[1], episodes, path_length_cm, variant.label)
+            _draw_pair(axes, variant, prefix, variant.label)
         axes[0].set_title(title, loc="left")
         axes[0].set(ylabel="success in %", ylim=(-3, 103))
         axes[1].set_ylabel("path length in cm")

@@ -61,7 +61,10 @@ def test_two_axes_give_a_map(quantity):
     table = table_of(["near", "far"], mu=[0.3, 0.1], world=["wood", "glass", "ice"])
     figure = table.plot(quantity=quantity)
     panels = [axes for axes in figure.axes if axes.get_title(loc="left")]
-    assert [axes.get_title(loc="left") for axes in panels] == ["near", "far"]
+    assert [axes.get_title(loc="left") for axes in panels] == [
+        "near, scenario 2",
+        "far, scenario 2",
+    ]
     for panel, policy in zip(panels, ("near", "far"), strict=True):
         assert (panel.get_xlabel(), panel.get_ylabel()) == ("mu", "world")
         across = [text.get_text() for text in panel.get_xticklabels()]
