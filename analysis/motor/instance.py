@@ -3,7 +3,7 @@
 import contextlib
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from fmpy.fmi1 import FMICallException
 from fmpy.simulation import instantiate_fmu
@@ -64,29 +64,40 @@ def require_parameters(motor: MotorFmu, names: Iterable[str]) -> None:
         require_one_of("motor-parameter", name, known)
 
 
-def loop_parameters(motor: MotorFmu, given: Mapping[str, float]) -> MotorParams:
-    """Return the parameters that an FMU has; those of its speed loop are known and valid.
+class GivenMotor(NamedTuple):
+    """A motor FMU with values that it is given.
 
-    Args:
-        motor: the FMU.
-        given: values that are set before, by name.
-
-    Raises:
-        FmuError: it does not expose one of the loop's parameters.
-        ConfigError: a value is invalid, or `given` names no parameter.
+    Attributes:
+        fmu: the FMU.
+        given: values that are set before the start, by name.
+        params: parameters that the FMU then has; 0 for those that it does not expose.
     """
-    require_parameters(motor, given)
-    found = motor.read(MotorParams._fields, given)
-    if lacking := [name for name in _NEEDED if name not in found]:
-        raise FmuError(
-            f"the motor FMU does not expose {', '.join(lacking)}, which the loop needs; export it "
-            "with them"
-        )
-    for name in _POSITIVE:
-        if not 0.0 < found[name] < math.inf:
-            raise ConfigError(
-                f"motor-parameter {name} = {found[name]:g} must be positive and finite"
+
+    fmu: MotorFmu
+    given: Mapping[str, float]
+    params: MotorParams
+
+    @classmethod
+    def of(cls, fmu: MotorFmu, given: Mapping[str, float]) -> "GivenMotor":
+        """Read the parameters; those of the speed loop are known and valid.
+
+        Raises:
+            FmuError: the FMU does not expose one of the loop's parameters.
+            ConfigError: a value is invalid, or `given` names no parameter.
+        """
+        require_parameters(fmu, given)
+        found = fmu.read(MotorParams._fields, given)
+        if lacking := [name for name in _NEEDED if name not in found]:
+            raise FmuError(
+                f"the motor FMU does not expose {', '.join(lacking)}, which the loop needs; export "
+                "it with them"
             )
-    if found["K_p"] == found["K_i"] == 0.0:
-        raise ConfigError("K_p and K_i are both 0, so there is no loop; set one of them")
-    return MotorParams(**(dict.fromkeys(MotorParams._fields, 0.0) | found))
+        for name in _POSITIVE:
+            if not 0.0 < found[name] < math.inf:
+                raise ConfigError(
+                    f"motor-parameter {name} = {found[name]:g} must be positive and finite"
+                )
+        if found["K_p"] == found["K_i"] == 0.0:
+            raise ConfigError("K_p and K_i are both 0, so there is no loop; set one of them")
+        params = MotorParams(**(dict.fromkeys(MotorParams._fields, 0.0) | found))
+        return cls(fmu, given, params)

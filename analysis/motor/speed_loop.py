@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import control
 import numpy as np
 
-from analysis.motor.instance import running
+from analysis.motor.instance import GivenMotor, running
 from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent
 from cosim.coupling.fmu import MotorFmu
@@ -99,36 +99,24 @@ def figures_of_merit(loop: Loop) -> LoopMerit:
     )
 
 
-def reachable_speed(motor: MotorParams) -> float:
-    """Speed in rad/s at the largest voltage, against Coulomb friction.
-
-    Raises:
-        ConfigError: the motor does not turn.
-    """
-    speed = motor_gain(motor) * (motor.V_s_max - motor.c * motor.R / motor.K_T)
-    if not speed > 0.0:
-        raise ConfigError(
-            f"V_s_max = {motor.V_s_max:g} V does not turn this motor against its Coulomb friction "
-            f"c = {motor.c:g} N m; raise V_s_max or K_T, or lower R or c"
-        )
-    return speed
-
-
 def step_speed(motor: MotorParams, omega_des: float | None) -> float:
     """Return the set point of a step: the one given, or Fig. 7's as far as the motor reaches it.
 
     Raises:
-        ConfigError: the motor cannot reach it.
+        ConfigError: the motor cannot reach it at its largest voltage.
     """
-    most = reachable_speed(motor)
-    if omega_des is None:
-        return min(FIG_7.omega_des, SHARE_OF_SPEED * most)
-    if omega_des >= most:
+    most = motor_gain(motor) * (motor.V_s_max - motor.c * motor.R / motor.K_T)
+    if not most > 0.0:
+        raise ConfigError(
+            f"V_s_max = {motor.V_s_max:g} V does not turn this motor against its Coulomb friction "
+            f"c = {motor.c:g} N m; raise V_s_max or K_T, or lower R or c"
+        )
+    if omega_des is not None and omega_des >= most:
         raise ConfigError(
             f"omega-des = {omega_des:g} rad/s is out of reach: at V_s_max this motor turns with "
             f"{most:.0f} rad/s; choose less"
         )
-    return omega_des
+    return omega_des or min(FIG_7.omega_des, SHARE_OF_SPEED * most)
 
 
 def propose(motor: MotorParams, omega_des: float) -> tuple[MotorParams, str]:
@@ -159,36 +147,25 @@ def frequencies_of(loop: Loop, count: int = 10) -> np.ndarray:
 
 
 def measured_response(
-    motor: MotorFmu,
-    given: Mapping[str, float],
-    parameters: MotorParams,
-    frequencies_rad_s: np.ndarray,
-    progress: Progress = silent,
+    motor: GivenMotor, frequencies_rad_s: np.ndarray, progress: Progress = silent
 ) -> np.ndarray:
     """Frequency response of the FMU's closed loop from set point to speed, complex (n,).
 
-    Without Coulomb friction and weight, each frequency on its own: a sine of the set point, held
-    between communication points, and a least-squares fit of a sine to the speed, next to what is
-    left of the poles' answer to the start.
-
-    Args:
-        motor: the FMU.
-        given: values that are set before, by name.
-        parameters: that the FMU then has.
-        frequencies_rad_s: angular frequencies (n,).
-        progress: receives every frequency.
+    Without Coulomb friction and weight, each frequency (n,) on its own: a sine of the set point,
+    held between communication points, and a least-squares fit of a sine to the speed, next to what
+    is left of the poles' answer to the start.
 
     Raises:
         FmuError: the FMU cannot be used.
     """
     linear = {"c": 0.0, "m": 0.0, "solver": RK4}
-    start = {**given, **{name: v for name, v in linear.items() if name in motor.variables}}
-    loop, measured = speed_loop(parameters), []
+    start = {**motor.given, **{k: v for k, v in linear.items() if k in motor.fmu.variables}}
+    loop, measured = speed_loop(motor.params), []
     for frequency in frequencies_rad_s:
         progress("measuring the FMU", len(measured), len(frequencies_rad_s))
         volts = abs(loop.closed(1j * frequency) / loop.plant(1j * frequency))  # per rad/s
-        amplitude = SHARE_OF_VOLTAGE * parameters.V_s_max / volts
-        measured.append(_measure(motor, start, loop, frequency, amplitude))
+        amplitude = SHARE_OF_VOLTAGE * motor.params.V_s_max / volts
+        measured.append(_measure(motor.fmu, start, loop, frequency, amplitude))
     progress("measuring the FMU", len(measured), len(measured))
     return np.array(measured)
 

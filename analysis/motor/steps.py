@@ -4,7 +4,6 @@ The built-in FMU holds its integral while the voltage is at its limit. Eq. (14) 
 it is computed here, and its voltage given to the FMU in open loop at every internal step.
 """
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import control
@@ -13,12 +12,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.figures.style import WIDTH_IN
-from analysis.motor.instance import running
+from analysis.motor.instance import GivenMotor, running
 from analysis.motor.speed_loop import Loop, figures_of_merit, speed_loop
 from analysis.reading.motor_test import Rise, rise
 from cosim.base.plotting import BLACK, BLUE, GREEN, GREY, VERMILION
 from cosim.base.progress import Progress, silent
-from cosim.coupling.fmu import MotorFmu
 from cosim.model.params import MotorParams, motor_time_constant
 
 LEAST_DURATION_S, SAMPLE_S = 2.0, 1e-3
@@ -52,55 +50,49 @@ class Step(NamedTuple):
 
 
 def compare_gains(
-    motor: MotorFmu,
-    given: Mapping[str, float],
-    parameters: MotorParams,
-    proposed: MotorParams,
-    omega_des: float,
-    progress: Progress = silent,
+    motor: GivenMotor, proposed: MotorParams, omega_des: float, progress: Progress = silent
 ) -> list[Step]:
     """Step the motor to a set point with several gains.
 
     Args:
-        motor: the FMU.
-        given: values that are set before, by name.
-        parameters: that the FMU then has.
+        motor: with its own gains.
         proposed: the same with other gains.
         omega_des: set point in rad/s.
         progress: receives every response.
 
     Returns:
-        Responses with the FMU's own gains, those proposed, twice its integral gain, the one with a
-        zero that cancels the motor's pole, and last its own gains without anti-windup. Gains that
+        Responses with the motor's own gains, those proposed, twice its integral gain, the one with
+        a zero that cancels the motor's pole, and last its own gains without anti-windup. Gains that
         agree are there once.
 
     Raises:
         FmuError: the FMU cannot be used.
     """
-    tau = motor_time_constant(parameters)
-    K_p, K_i = parameters.K_p, parameters.K_i
-    gains = ((K_p, K_i), (proposed.K_p, proposed.K_i), (K_p, 2.0 * K_i), (K_p, K_p / tau))
-    asked = [(*pair, True) for pair in dict.fromkeys(gains) if any(pair)] + [(K_p, K_i, False)]
+    own, tau = motor.params, motor_time_constant(motor.params)
+    pairs = [(own.K_p, own.K_i), (proposed.K_p, proposed.K_i)]
+    pairs += [(own.K_p, 2.0 * own.K_i), (own.K_p, own.K_p / tau)]
+    asked = [(*pair, True) for pair in dict.fromkeys(pairs) if any(pair)] + [(*pairs[0], False)]
     count = round(max(LEAST_DURATION_S, TIME_CONSTANTS * tau) / SAMPLE_S)
     found = []
-    for number, (own_p, own_i, anti_windup) in enumerate(asked):
+    for number, (K_p, K_i, anti_windup) in enumerate(asked):
         progress("comparing gains", number, len(asked))
-        chosen = parameters._replace(K_p=own_p, K_i=own_i)
+        chosen = motor._replace(params=own._replace(K_p=K_p, K_i=K_i))
         simulate = closed_loop if anti_windup else printed_loop
-        omega, voltage = simulate(motor, given, chosen, omega_des, count).T
+        omega, voltage = simulate(chosen, omega_des, count).T
         risen = rise(SAMPLE_S * np.arange(count + 1), omega, omega_des)
-        found.append(Step(own_p, own_i, anti_windup, risen, omega, voltage))
+        found.append(Step(K_p, K_i, anti_windup, risen, omega, voltage))
     progress("comparing gains", len(asked), len(asked))
     return found
 
 
-def closed_loop(
-    motor: MotorFmu, given: Mapping[str, float], gains: MotorParams, omega_des: float, count: int
-) -> np.ndarray:
-    """Return speed in rad/s and voltage in V at every ms, (count + 1, 2), in the FMU's own loop."""
+def closed_loop(motor: GivenMotor, omega_des: float, count: int) -> np.ndarray:
+    """Return speed in rad/s and voltage in V at every ms, (count + 1, 2), in the FMU's own loop.
+
+    The gains are those of the motor's parameters.
+    """
     rows = np.zeros((count + 1, 2))
-    start = {**given, "K_p": gains.K_p, "K_i": gains.K_i, "omega_des": omega_des}
-    with running(motor, start) as (fmu, reference):
+    gains = {"K_p": motor.params.K_p, "K_i": motor.params.K_i}
+    with running(motor.fmu, {**motor.given, **gains, "omega_des": omega_des}) as (fmu, reference):
         wanted = [reference["omega"], reference["V_s"]]
         for k in range(count + 1):
             rows[k] = fmu.getFloat64(wanted)
@@ -110,29 +102,17 @@ def closed_loop(
 
 
 def printed_loop(
-    motor: MotorFmu,
-    given: Mapping[str, float],
-    gains: MotorParams,
-    omega_des: float,
-    count: int,
-    *,
-    anti_windup: bool = False,
+    motor: GivenMotor, omega_des: float, count: int, *, anti_windup: bool = False
 ) -> np.ndarray:
     """Return the same with Eq. (14) computed here, every internal step.
 
-    Args:
-        motor: the FMU.
-        given: values that are set before, by name.
-        gains: parameters of the motor and its loop.
-        omega_des: set point in rad/s.
-        count: number of ms.
-        anti_windup: whether the integral holds while the voltage is at its limit.
+    With `anti_windup` the integral holds while the voltage is at its limit.
     """
     ticks = round(SAMPLE_S / STEP_S)
     rows = np.zeros((count + 1, 2))
     speed = integral = voltage = 0.0
-    limit = gains.V_s_max
-    with running(motor, {**given, "closed_loop": False}) as (fmu, reference):
+    gains, limit = motor.params, motor.params.V_s_max
+    with running(motor.fmu, {**motor.given, "closed_loop": False}) as (fmu, reference):
         for tick in range(count * ticks + 1):
             error = omega_des - speed
             u = gains.K_p * error + gains.K_i * integral

@@ -41,7 +41,7 @@ def run(options: MotorLoop, progress: Progress) -> Iterator[Any]:
 
     from analysis.figures.style import NOTHING, save, use_style
     from analysis.motor import speed_loop as theory
-    from analysis.motor.instance import loop_parameters
+    from analysis.motor.instance import GivenMotor
     from analysis.motor.steps import compare_gains, draw
     from cosim.coupling.fmu import MotorFmu
     from cosim.model.params import motor_time_constant
@@ -49,14 +49,14 @@ def run(options: MotorLoop, progress: Progress) -> Iterator[Any]:
 
     use_style()
     fmu = MotorFmu(options.motor_fmu or cached_fmu("VibrationMotor"))
-    given = named_once("motor_parameters", options.motor_parameters)
-    motor = loop_parameters(fmu, given)
+    at_hand = GivenMotor.of(fmu, named_once("motor_parameters", options.motor_parameters))
+    motor = at_hand.params
     omega_des = theory.step_speed(motor, options.omega_des)
     proposed, limit = theory.propose(motor, omega_des)
     loop = theory.speed_loop(motor)
     frequencies = theory.frequencies_of(loop)
-    measured = theory.measured_response(fmu, given, motor, frequencies, progress)
-    steps = compare_gains(fmu, given, motor, proposed, omega_des, progress)
+    measured = theory.measured_response(at_hand, frequencies, progress)
+    steps = compare_gains(at_hand, proposed, omega_des, progress)
     merits = [theory.figures_of_merit(each) for each in (loop, theory.speed_loop(proposed))]
     figure = draw(motor, proposed, frequencies, measured, steps, omega_des)
     yield merits[0].record() | {

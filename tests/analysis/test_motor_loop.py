@@ -13,7 +13,7 @@ import pytest
 from analysis.figures import fig07
 from analysis.figures.draw import draw_figures
 from analysis.motor import steps
-from analysis.motor.instance import loop_parameters
+from analysis.motor.instance import GivenMotor
 from analysis.motor.loop_options import StepTest
 from analysis.motor.speed_loop import (
     figures_of_merit,
@@ -95,7 +95,7 @@ def test_a_step_is_one_that_the_motor_can_reach():
 
 def test_parameters_are_those_of_the_fmu_and_invalid_ones_are_refused(motor_fmu):
     motor = MotorFmu(motor_fmu)
-    assert loop_parameters(motor, {"J": 5e-9}) == TABLE_II._replace(J=5e-9)
+    assert GivenMotor.of(motor, {"J": 5e-9}).params == TABLE_II._replace(J=5e-9)
     for given, said in (
         ({"K_t": 1.0}, "motor-parameter = 'K_t' is unknown; choose one of"),
         ({"K_p": -1.0}, "K_p cannot be -1; the least is 0"),
@@ -103,12 +103,12 @@ def test_parameters_are_those_of_the_fmu_and_invalid_ones_are_refused(motor_fmu)
         ({"K_p": 0.0, "K_i": 0.0}, "there is no loop"),
     ):
         with pytest.raises(UserError, match=said):
-            loop_parameters(motor, given)
+            GivenMotor.of(motor, given)
 
 
 def test_the_slow_tail_of_fig_7_is_the_slow_pole(motor_fmu):
     """What is left after the voltage has come off its limit decays with the pole of K_i / K_p."""
-    omega = steps.closed_loop(MotorFmu(motor_fmu), {}, TABLE_II, FIG_7.omega_des, 2000)[:, 0]
+    omega = steps.closed_loop(GivenMotor.of(MotorFmu(motor_fmu), {}), FIG_7.omega_des, 2000)[:, 0]
     turns = np.convolve(
         FIG_7.omega_des - omega, np.full(9, 1 / 9), "same"
     )  # 700 rad/s: 9 ms a turn
@@ -120,22 +120,20 @@ def test_the_slow_tail_of_fig_7_is_the_slow_pole(motor_fmu):
 
 
 def test_eq_14_computed_here_is_that_of_the_fmu(motor_fmu):
-    motor, given = MotorFmu(motor_fmu), {"J": 3e-9}
-    gains = TABLE_II._replace(**given, K_p=0.02, K_i=0.06)
-    own = steps.closed_loop(motor, given, gains, 650.0, 100)
-    held = steps.printed_loop(motor, given, gains, 650.0, 100, anti_windup=True)
-    assert held == pytest.approx(own, rel=1e-9)
-    assert steps.printed_loop(motor, given, gains, 650.0, 100)[-1, 0] > own[-1, 0] + 1.0
+    motor = GivenMotor.of(MotorFmu(motor_fmu), {"J": 3e-9, "K_p": 0.02, "K_i": 0.06})
+    own = steps.closed_loop(motor, 650.0, 100)
+    assert steps.printed_loop(motor, 650.0, 100, anti_windup=True) == pytest.approx(own, rel=1e-9)
+    assert steps.printed_loop(motor, 650.0, 100)[-1, 0] > own[-1, 0] + 1.0
 
 
 def test_steps_are_of_the_motor_at_hand(motor_fmu, monkeypatch):
     """Own and compared gains follow the motor, and every row has its response."""
     monkeypatch.setattr(steps, "LEAST_DURATION_S", 0.05)
     monkeypatch.setattr(steps, "TIME_CONSTANTS", 0.0)
-    motor, given = MotorFmu(motor_fmu), {"R": 12.0, "K_i": 0.1}
-    parameters = loop_parameters(motor, given)
+    motor = GivenMotor.of(MotorFmu(motor_fmu), {"R": 12.0, "K_i": 0.1})
+    parameters = motor.params
     proposed, _ = propose(parameters, 500.0)
-    found = steps.compare_gains(motor, given, parameters, proposed, 500.0)
+    found = steps.compare_gains(motor, proposed, 500.0)
     tau = parameters.J * 12.0 / (parameters.b * 12.0 + parameters.K_T**2)
     own_p, new_p = parameters.K_p, proposed.K_p
     assert [step.K_p for step in found] == [own_p, new_p, own_p, own_p, own_p]
@@ -144,7 +142,7 @@ def test_steps_are_of_the_motor_at_hand(motor_fmu, monkeypatch):
     assert [step.anti_windup for step in found] == [True] * 4 + [False]
     for step in found[:-1]:
         gains = parameters._replace(K_p=step.K_p, K_i=step.K_i)
-        again = steps.closed_loop(motor, given, gains, 500.0, 50)
+        again = steps.closed_loop(motor._replace(params=gains), 500.0, 50)
         np.testing.assert_array_equal(np.column_stack([step.omega, step.voltage]), again)
     assert found[1].voltage.max() <= TABLE_II.V_s_max
     assert "omega" not in found[0].record()
@@ -159,10 +157,10 @@ def test_times_of_a_response():
 
 @pytest.mark.parametrize("given", KINDS, ids=str)
 def test_fmu_has_the_frequency_response_of_the_theory(motor_fmu, given):
-    motor, parameters = MotorFmu(motor_fmu), TABLE_II._replace(**given)
-    loop = speed_loop(parameters)
+    motor = GivenMotor.of(MotorFmu(motor_fmu), given)
+    loop = speed_loop(TABLE_II._replace(**given))
     frequencies = frequencies_of(loop)[[3, 6, 9]]
-    ratio = measured_response(motor, given, parameters, frequencies) / loop.closed(1j * frequencies)
+    ratio = measured_response(motor, frequencies) / loop.closed(1j * frequencies)
     assert np.abs(ratio) == pytest.approx(1.0, abs=SAME_AMPLITUDE)
     assert np.rad2deg(np.angle(ratio)) == pytest.approx(0.0, abs=SAME_PHASE_DEG)
 
