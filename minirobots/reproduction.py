@@ -105,6 +105,7 @@ def _settings(result: Result, profile: Profile, seed: int, jobs: int) -> dict[st
                 "method": result.method,
                 "train_episodes": profile.drive_episodes.get(result.method),
                 "seed": seed,
+                "train_seed": seed,
                 "jobs": jobs,
                 "physics": SimulationOptions(time_limit=profile.episode_limit_s),
             }

@@ -167,7 +167,9 @@ def report_of(policies: Iterable[tuple[str, GreedyPolicy]]) -> GridReport:
     for scenario in dict.fromkeys(row.scenario for row in rows):
         group = [row for row in rows if row.scenario == scenario]
         over_policies[scenario] = {
-            name: summarise([getattr(row, name) for row in group], shares=name in ENDS)
+            name: summarise(
+                [getattr(row, name) for row in group], 0.0, 1.0 if name in ENDS else math.inf
+            )
             for name in _MEASURES
         }
     return GridReport(policies=rows, over_policies=over_policies)

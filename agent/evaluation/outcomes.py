@@ -77,7 +77,7 @@ def summary(case: Case, results: Mapping[int, EpisodeResult]) -> Measured:
         shares |= {outcome: share, f"{outcome}_low": low, f"{outcome}_high": high}
     successes = {index: r for index, r in results.items() if r.outcome == Outcome.SUCCESS}
     distances = [r.min_distance_cm for r in results.values() if r.min_distance_cm is not None]
-    ratio = summarise(_ratios_to_grid(case, successes))
+    ratio = summarise(_ratios_to_grid(case, successes), 0.0)
     return Measured(
         episodes=episodes,
         **shares,

@@ -83,20 +83,20 @@ def interquartile_mean(values: np.ndarray) -> float:
     return float((weights * ordered).sum() / weights.sum())
 
 
-def summarise(values: Sequence[float | None] | np.ndarray, *, shares: bool = False) -> Statistics:
+def summarise(
+    values: Sequence[float | None] | np.ndarray, least: float = -math.inf, most: float = math.inf
+) -> Statistics:
     """Return the statistics of one value per run.
 
     Args:
         values: (runs,), NaN or None for a run without a value.
-        shares: whether values, and so the interval, lie between 0 and 1.
+        least, most: possible values, to which the interval is limited.
     """
     given = np.asarray(values, dtype=float)
     known = given[np.isfinite(given)]
     if not len(known):
         return Statistics(None, None, None, None, runs=0)
-    ends = mean_intervals(known[:, None])[:, 0]
-    if shares:
-        ends = ends.clip(0.0, 1.0)
+    ends = mean_intervals(known[:, None])[:, 0].clip(least, most)
     low, high = (None if math.isnan(end) else float(end) for end in ends)
     return Statistics(float(known.mean()), interquartile_mean(known), low, high, len(known))
 

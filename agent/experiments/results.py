@@ -1,5 +1,6 @@
 """Result files of trained runs, and an experiment's result as tables."""
 
+import math
 from collections import defaultdict
 from collections.abc import Mapping
 
@@ -88,7 +89,9 @@ def differences(
 
     return {
         name: {
-            measure: summarise(values(name, measure) - values(reference, measure))
+            measure: summarise(
+                values(name, measure) - values(reference, measure), *_limits(measure)
+            )
             for measure in _COMPARED
         }
         for name, reference in references.items()
@@ -113,9 +116,17 @@ def effects(
         for level in ("all", *levels):
             groups[f"{level} {c}"].append(difference)
     return {
-        group: {measure: summarise([d[measure].mean for d in members]) for measure in _COMPARED}
+        group: {
+            measure: summarise([d[measure].mean for d in members], *_limits(measure))
+            for measure in _COMPARED
+        }
         for group, members in groups.items()
     }
+
+
+def _limits(measure: str) -> tuple[float, float]:
+    """Return the ends between which a measure's differences lie."""
+    return (-1.0, 1.0) if measure == "success" else (-math.inf, math.inf)
 
 
 def show(result: ExperimentResult) -> None:

@@ -20,7 +20,7 @@ from agent.study.episodes import (
     case_of,
     simulate,
 )
-from agent.study.plot import draw_success
+from agent.study.plot import draw_measure
 from agent.study.policies import trained
 from agent.study.store import EpisodeStore
 from agent.training.settings import COMPARED
@@ -104,7 +104,7 @@ def robustness(
     unshielded = [row for row in rows if not row.shield]
     panels = {axis: [r for r in unshielded if r.axis == axis] for axis in AXES if axis in axes}
     title = f"scenario {scenario}, without the shield; bars: 95 %, Wilson"
-    figure = draw_success(panels, lambda row: row.value, lambda row: row.method, title)
+    figure = draw_measure(panels, lambda row: row.value, lambda row: row.method, title=title)
     with replacing(out / "robustness.png") as temporary:
         figure.savefig(temporary, format="png", dpi=150)
     return report

@@ -4,7 +4,7 @@
 """
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -25,10 +25,10 @@ from agent.study.episodes import (
     case_of,
     simulate,
 )
-from agent.study.plot import draw_success
+from agent.study.plot import QUANTITIES, draw_map, draw_measure
 from agent.study.policies import name_of, policy_of
 from agent.study.store import EpisodeStore
-from cosim.base.arguments import ConfigError, taken, taken_seed
+from cosim.base.arguments import ConfigError, require_one_of, taken, taken_seed
 from cosim.base.errors import UserError
 from cosim.base.jobs import Backend, Workers, until
 from cosim.base.progress import Progress, automatic, showing, silent
@@ -134,15 +134,24 @@ class StudyTable:
                 "pandas is not installed; run `pip install pandas`, or take to_arrow()"
             ) from error
 
-    def plot(self, axis: str | None = None) -> Figure:
-        """Draw success over one axis, a panel for each scenario; bars are 95 % Wilson intervals.
+    def plot(self, axis: str | None = None, quantity: str = "success") -> Figure:
+        """Draw a quantity over one axis, a panel for each scenario, or as a map over two axes.
 
         Args:
-            axis: by default the first one; the scenario where no option varies.
+            axis: by default the first one; the scenario where no option varies; both where two do.
+            quantity: such as "collision", "path_length_cm" or "energy_j"; bars are its 95 %
+                interval, if it has one.
 
         Raises:
-            ConfigError: no such option varies.
+            ConfigError: no such option varies, or there is no such quantity.
         """
+        require_one_of("quantity", quantity, QUANTITIES)
+        label = QUANTITIES[quantity][0]
+        if axis is None and len(self.axes) == 2:
+            across, up = self.axes
+            panels = self._panels(lambda row: f"{row.policy}, scenario {row.scenario}")
+            title = f"{label} over {across} and {up}"
+            return draw_map(panels, StudyRow.labels, (across, up), quantity=quantity, title=title)
         chosen = axis or (self.axes[0] if self.axes else "scenario")
         if chosen not in {*self.axes, "scenario"}:
             known = ", ".join(self.axes) or "nothing"
@@ -152,18 +161,33 @@ class StudyTable:
             others = [f"{n} {_text(row.options[n])}" for n in self.axes if n != chosen]
             return ", ".join([row.policy, *others])
 
+        whole = chosen == "scenario"
+        panels = self._panels(lambda row: "all scenarios" if whole else f"scenario {row.scenario}")
+        bars = "; bars: 95 % intervals" if f"{quantity}_low" in StudyRow.__struct_fields__ else ""
+        return draw_measure(
+            panels,
+            lambda row: row.labels()[chosen],
+            series,
+            quantity=quantity,
+            axis=chosen,
+            title=f"{label} over {chosen}{bars}",
+        )
+
+    def _panels(self, name: Callable[[StudyRow], str]) -> dict[str, list[StudyRow]]:
         panels: dict[str, list[StudyRow]] = {}
         for row in self.rows:
-            name = "all scenarios" if chosen == "scenario" else f"scenario {row.scenario}"
-            panels.setdefault(name, []).append(row)
-        title = f"success over {chosen}; bars: 95 %, Wilson"
-        return draw_success(panels, lambda row: _text(row.labels()[chosen]), series, title)
+            panels.setdefault(name(row), []).append(row)
+        return panels
 
-    def write(self, path: str | Path) -> None:
+    def write(self, path: str | Path, quantity: str = "success") -> None:
         """Write the table as Parquet, JSON or Markdown, or its plot as PNG, by the suffix.
 
+        Args:
+            path: file to write.
+            quantity: that the plot shows, see `plot`.
+
         Raises:
-            ConfigError: the suffix is another one.
+            ConfigError: the suffix is another one, or there is no such quantity.
         """
         path = Path(taken("path", path, Path))
         match path.suffix:
@@ -179,7 +203,7 @@ class StudyTable:
                 write_parquet(path, [row.record() for row in self.rows])
             case ".png":
                 with replacing(path) as temporary:
-                    self.plot().savefig(temporary, format="png", dpi=150)
+                    self.plot(quantity=quantity).savefig(temporary, format="png", dpi=150)
             case _:
                 raise ConfigError(f"{path}: its name must end in one of {', '.join(WRITTEN)}")
 

@@ -1,5 +1,8 @@
 """Fig. 7: the motor in open and closed loop, from a recording of `minirobots motor-test`."""
 
+import json
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +16,15 @@ from analysis.reading.findings import intervals
 from analysis.reading.motor_test import LOOPS, Response, read, rise
 from analysis.reading.results import FIGURES, RESULTS
 from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
-from cosim.model.params import TABLE_II
+from cosim.model.params import TABLE_II, describe, motor_time_constant
+from cosim.recording.rrd import read_rrd
 
 COLOURS = {"open_loop": VERMILION, "closed_loop": BLUE}
 # What the right column shows larger: the start, in which the closed loop is at its limit.
 START_S = 0.12
 
 
-def _draw(axes: np.ndarray, responses: dict[str, Response], until_s: float) -> None:
+def _draw(axes: np.ndarray, responses: dict[str, Response], until_s: float, limit_v: float) -> None:
     speed, voltage, torque = axes
     for loop in LOOPS:
         response = responses[loop]
@@ -33,35 +37,51 @@ def _draw(axes: np.ndarray, responses: dict[str, Response], until_s: float) -> N
     time_s = closed.time_s[shown]
     set_point = closed.omega_des[shown]
     speed.plot(time_s, set_point, color=BLACK, linestyle="--", linewidth=0.8, label="set point")
-    _mark_saturation([speed, voltage], time_s, closed.voltage[shown])
+    _mark_saturation([speed, voltage], time_s, np.abs(closed.voltage[shown]) >= limit_v)
     for sign in (1, -1):
-        voltage.axhline(sign * TABLE_II.V_s_max, color=BLACK, linestyle=":", linewidth=0.8)
+        voltage.axhline(sign * limit_v, color=BLACK, linestyle=":", linewidth=0.8)
     torque.step(time_s, 1e6 * closed.disturbance[shown], color=BLACK, where="post")
     torque.set_xlabel("time in s")
 
 
-def _mark_saturation(axes: list[Axes], time_s: np.ndarray, voltage: np.ndarray) -> None:
-    saturated = np.abs(voltage) >= TABLE_II.V_s_max
+def _mark_saturation(axes: list[Axes], time_s: np.ndarray, saturated: np.ndarray) -> None:
     for first, last in intervals(saturated):
         for each in axes:
             span = float(time_s[first]), float(time_s[min(last + 1, len(time_s) - 1)])
             each.axvspan(*span, color=GREY, alpha=0.25, linewidth=0)
 
 
-def draw(responses: dict[str, Response]) -> Figure:
-    """The figure of a motor test, by loop as `analysis.reading.motor_test.read` gives it."""
+def others(motor: Mapping[str, float]) -> str:
+    """Return the parameters that differ from Table II as text, empty if none does."""
+    units = {name: quantity.unit for name, (_, quantity) in describe(TABLE_II).items()}
+    return ", ".join(
+        f"{name} = {value:.4g} {units.get(name, '')}".strip()
+        for name, value in motor.items()
+        if value != TABLE_II._asdict().get(name)
+    )
+
+
+def draw(responses: dict[str, Response], motor: Mapping[str, float] = TABLE_II._asdict()) -> Figure:
+    """The figure of a motor test.
+
+    Args:
+        responses: by loop, as `analysis.reading.motor_test.read` gives them.
+        motor: parameters of the motor by name, as far as they are known.
+    """
+    limit_v = motor.get("V_s_max", TABLE_II.V_s_max)
     figure, grid = plt.subplots(
         3, 2, figsize=(WIDTH_IN, 5.0), sharex="col", sharey="row", height_ratios=[3, 2, 1]
     )
-    _draw(grid[:, 0], responses, responses["closed_loop"].time_s[-1])
-    _draw(grid[:, 1], responses, START_S)
+    _draw(grid[:, 0], responses, responses["closed_loop"].time_s[-1], limit_v)
+    _draw(grid[:, 1], responses, START_S, limit_v)
+    figure.suptitle(others(motor), fontsize=8)
     grid[0, 0].set_ylabel("speed ω in rad/s")
     grid[1, 0].set_ylabel("voltage $V_s$ in V")
     grid[2, 0].set_ylabel("d in µN m")
     grid[0, 0].set_title("whole test", loc="left")
     grid[0, 1].set_title(f"first {START_S:g} s; grey: voltage saturated", loc="left")
     grid[0, 0].legend(loc="lower right")
-    grid[1, 0].set_ylim(-0.3, 1.12 * TABLE_II.V_s_max)
+    grid[1, 0].set_ylim(-0.3, 1.12 * limit_v)
     grid[1, 0].text(0.99, 0.84, "$V_{s,max}$", transform=grid[1, 0].transAxes, ha="right", va="top")
     return figure
 
@@ -73,13 +93,17 @@ _TIMES = {
     "within_2_percent_s": "within ±2 %",
 }
 EARLY_S = 0.05
+FASTER = 0.9  # of the other loop's time, to be called faster
 # A tenth of a second holds many turns: the ripple averages out.
 _AVERAGED = 100
 
 
-def caption(responses: dict[str, Response]) -> Caption:
-    """Response times, speeds before and under the disturbance, and saturation."""
-    numbers: dict[str, Any] = {}
+def caption(
+    responses: dict[str, Response], motor: Mapping[str, float] = TABLE_II._asdict()
+) -> Caption:
+    """Response times, speeds before and under the disturbance, and saturation; see `draw`."""
+    limit_v = motor.get("V_s_max", TABLE_II.V_s_max)
+    numbers: dict[str, Any] = {"motor": dict(motor)}
     for loop in LOOPS:
         response = responses[loop]
         undisturbed = response.disturbance == 0.0
@@ -93,7 +117,7 @@ def caption(responses: dict[str, Response]) -> Caption:
             float(third[-_AVERAGED:].mean()) for third in np.array_split(response.omega, 3)
         ]
     closed = responses["closed_loop"]
-    saturated_s = closed.time_s[np.abs(closed.voltage) >= TABLE_II.V_s_max].max(initial=0.0)
+    saturated_s = closed.time_s[np.abs(closed.voltage) >= limit_v].max(initial=0.0)
     numbers["closed_loop_highest_v"] = float(np.abs(closed.voltage).max())
     numbers["closed_loop_saturated_until_s"] = float(saturated_s)
 
@@ -119,16 +143,39 @@ def caption(responses: dict[str, Response]) -> Caption:
             f"Speeds without, with and against d: open loop {speeds('open_loop')} rad/s, closed "
             f"loop {speeds('closed_loop')} rad/s, set point {closed.omega_des[-1]:g} rad/s.",
             f"Time until the speed reaches a share of the set point, or stays near it: {times}.",
-            "The response is faster to 90 % and not to the end: K_i / K_p = "
-            f"{TABLE_II.K_i / TABLE_II.K_p:.2f} 1/s leaves a slow pole.",
+            f"{_comparison(numbers)} {_gains(motor)}".strip(),
             f"Speed after {1e3 * EARLY_S:g} ms: open loop {numbers['open_loop_early_rad_s']:.0f} "
             f"rad/s, closed loop {numbers['closed_loop_early_rad_s']:.0f} rad/s.",
-            f"The closed loop's voltage is at its limit of {TABLE_II.V_s_max:g} V until "
+            f"The closed loop's voltage is at its limit of {limit_v:g} V until "
             f"{saturated_s:.3f} s.",
+            *([f"Parameters other than Table II's: {others(motor)}."] if others(motor) else []),
         ),
         numbers,
         FIGURES["fig07"],
     )
+
+
+def _comparison(numbers: Mapping[str, Any]) -> str:
+    """Return the times to which the closed loop is the faster one, as a sentence."""
+    faster: dict[bool, list[str]] = {True: [], False: []}
+    for name, text in _TIMES.items():
+        opened, closed = (numbers[f"{loop}_{name}"] for loop in LOOPS)
+        if opened is not None or closed is not None:
+            within = math.inf if opened is None else FASTER * opened
+            faster[closed is not None and closed < within].append(text)
+    said = {True: f"at least {1.0 - FASTER:.0%} faster to", False: "not so to"}
+    parts = [f"{said[which]}: {', '.join(texts)}" for which, texts in faster.items() if texts]
+    return f"The closed loop is {'; '.join(parts)}." if parts else "No loop reaches the set point."
+
+
+def _gains(motor: Mapping[str, float]) -> str:
+    """Return what the ratio of the gains leaves, as a sentence; empty for unknown parameters."""
+    if not {"K_T", "J", "R", "b", "K_p", "K_i"} <= motor.keys() or not motor["K_p"]:
+        return ""
+    ratio = motor["K_i"] / motor["K_p"]
+    pole = 1.0 / motor_time_constant(TABLE_II._replace(**motor))
+    slow = "leaves a slow pole" if ratio < 0.99 * pole else "leaves no slow pole"
+    return f"K_i / K_p = {ratio:.2f} 1/s, with the motor's pole at −{pole:.2f} 1/s, {slow}."
 
 
 def make(results: Path) -> Drawing:
@@ -137,5 +184,8 @@ def make(results: Path) -> Drawing:
     Raises:
         MotorTestError: see `analysis.reading.motor_test.read`.
     """
-    responses = read(RESULTS["motor_test"].location(results))
-    return Drawing(draw(responses), caption(responses))
+    path = RESULTS["motor_test"].location(results)
+    responses = read(path)
+    facts = read_rrd(path).properties.get("motor_test", {})
+    motor = json.loads(facts.get("parameters", "null")) or TABLE_II._asdict()
+    return Drawing(draw(responses, motor), caption(responses, motor))

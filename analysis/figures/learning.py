@@ -1,6 +1,6 @@
 """Figures 8, 10, 11 and `sequel`: learning curves of experiments; path lengths next to bounds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,11 @@ from cosim.base.plotting import BLUE, GREY, VERMILION
 POINTS = 200  # drawn per curve; a point is the mean of the learning curve's points that it covers
 # Success rate that counts as learnt.
 LEARNT = 0.99
+LEAST_RUNS = 5  # with fewer, runs are drawn themselves: their interval says nothing
+_SPREAD = "bands: 95 % intervals of the mean over runs; of fewer than five runs: each run, thin"
 _CURVES = (
     "Upper row: mean over the last 100 episodes, exploring; lower row: the greedy policy at that "
-    "time from every start; bands: 95 % intervals of the mean over runs"
+    f"time from every start; {_SPREAD}"
 )
 
 # Title and claim of the paper, by figure.
@@ -46,7 +48,7 @@ _LEARNING = {
     ),
     "sequel": (
         "Success rate and path length of groups of robots over episodes: the greedy policy at that "
-        "time from drawn starts; bands: 95 % intervals of the mean over runs",
+        f"time from drawn starts; {_SPREAD}",
         "double Q-learning offers a more stable and reliable learning process (the sequel, "
         "doi 10.1080/01691864.2020.1757507).",
     ),
@@ -111,29 +113,49 @@ def thinned(episodes: np.ndarray, curves: np.ndarray) -> tuple[np.ndarray, np.nd
     return episodes[:whole].reshape(-1, size).mean(axis=1), means
 
 
-def plot_band(axes: Axes, episodes: np.ndarray, curves: np.ndarray, label: str) -> None:
-    """Mean over runs with its 95 % Student interval, where there is one."""
+def plot_band(
+    axes: Axes, episodes: np.ndarray, curves: np.ndarray, label: str, most: float = np.inf
+) -> None:
+    """Mean over runs with its 95 % Student interval, where there is one; few runs as they are.
+
+    Args:
+        axes: to draw on.
+        episodes: (points,).
+        curves: (runs, points), NaN where a run has no value.
+        label: of the mean.
+        most: largest possible value; the least is 0.
+    """
     episodes, curves = thinned(episodes, curves)
     known = np.isfinite(curves).any(axis=0)
     episodes, curves = episodes[known] / 1e6, curves[:, known]
     (line,) = axes.plot(episodes, np.nanmean(curves, axis=0), label=label)
-    low, high = mean_intervals(curves)
-    axes.fill_between(episodes, low, high, color=line.get_color(), alpha=0.25, linewidth=0)
+    colour = line.get_color()
+    if len(curves) < LEAST_RUNS:
+        axes.plot(episodes, curves.T, color=colour, alpha=0.5, linewidth=0.5)
+        return
+    low, high = mean_intervals(curves).clip(0.0, most)
+    axes.fill_between(episodes, low, high, color=colour, alpha=0.25, linewidth=0)
+
+
+def _draw_pair(pair: Sequence[Axes], variant: VariantCurves, prefix: str, label: str) -> None:
+    """Draw success and path length over episodes on two axes; prefix is "" or "greedy_"."""
+    episodes = getattr(variant.logs[0], f"{prefix}episode")
+    success = 100.0 * variant.curves(f"{prefix}success")
+    plot_band(pair[0], episodes, success, label, 100.0)
+    plot_band(pair[1], episodes, variant.curves(f"{prefix}path_length_cm"), label)
 
 
 def draw_by_scenario(variants: dict[str, VariantCurves]) -> Figure:
     """Success rate and path length of the greedy policy over episodes, a scenario per column."""
     scenarios = list(dict.fromkeys(v.scenario for v in variants.values()))
-    rows = (("greedy_success", 100.0, "success in %"), ("greedy_path_length_cm", 1.0, "path in cm"))
     figure, grid = plt.subplots(
         2, len(scenarios), figsize=(WIDTH_IN, 4.0), sharex=True, sharey="row", squeeze=False
     )
-    for axes, (curve, factor, label) in zip(grid, rows, strict=True):
-        for variant in variants.values():
-            place = axes[scenarios.index(variant.scenario)]
-            episodes, curves = variant.logs[0].greedy_episode, factor * variant.curves(curve)
-            plot_band(place, episodes, curves, variant.label.removeprefix(f"{variant.scenario}, "))
-        axes[0].set_ylabel(label)
+    for variant in variants.values():
+        label = variant.label.removeprefix(f"{variant.scenario}, ")
+        _draw_pair(grid[:, scenarios.index(variant.scenario)], variant, "greedy_", label)
+    grid[0, 0].set(ylabel="success in %", ylim=(-3, 103))
+    grid[1, 0].set_ylabel("path in cm")
     for axes, name in zip(grid.T, scenarios, strict=True):
         axes[0].set_title(f"scenario {name}", loc="left")
         axes[1].set_xlabel("episodes in millions")
@@ -144,21 +166,18 @@ def draw_by_scenario(variants: dict[str, VariantCurves]) -> Figure:
 def draw_learning_curves(variants: dict[str, VariantCurves]) -> Figure:
     """Success rate and path length over episodes: while exploring, and of the greedy policy."""
     figure, grid = plt.subplots(2, 2, figsize=(WIDTH_IN, 4.6), sharex=True)
-    rows = (("episode", "", "while learning"), ("greedy_episode", "greedy_", "greedy, all starts"))
-    for axes, (episode, prefix, title) in zip(grid, rows, strict=True):
+    rows = (("", "while learning"), ("greedy_", "greedy, all starts"))
+    for axes, (prefix, title) in zip(grid, rows, strict=True):
         for variant in variants.values():
-            episodes = getattr(variant.logs[0], episode)
-            success = 100.0 * variant.curves(f"{prefix}success")
-            path_length_cm = variant.curves(f"{prefix}path_length_cm")
-            plot_band(axes[0], episodes, success, variant.label)
-            plot_band(axes[1], episodes, path_length_cm, variant.label)
+            _draw_pair(axes, variant, prefix, variant.label)
         axes[0].set_title(title, loc="left")
         axes[0].set(ylabel="success in %", ylim=(-3, 103))
         axes[1].set_ylabel("path length in cm")
     for axes in grid[1]:
         axes.set_xlabel("episodes in millions")
     runs = len(next(iter(variants.values())).logs)
-    grid[0, 1].set_title(f"mean of {runs} runs, 95 % interval", loc="right")
+    spread = "thin: each" if runs < LEAST_RUNS else "95 % interval"
+    grid[0, 1].set_title(f"mean of {runs} runs, {spread}", loc="right")
     grid[0, 0].legend(loc="lower right")
     return figure
 
@@ -238,7 +257,8 @@ def path_ratio(results: Path) -> Drawing:
     caption = Caption(
         "path_ratio",
         "Path length (left) and moves (right) of the greedy policies over those of the shortest "
-        "collision-free joint paths; dots: runs; bars: mean and 95 % interval over runs",
+        "collision-free joint paths; dots: runs; bars: mean and 95 % interval over five runs or "
+        "more",
         "“optimal” is the shortest path; the paths found are called optimal for one robot and "
         "sub-optimal for pairs, without a measure.",
         tuple(ours),
@@ -261,7 +281,7 @@ def _draw_ratios(variants: dict[str, VariantResult]) -> Figure:
             spread = random.uniform(-0.15, 0.15, len(values))
             axes.plot(place + spread, values, ".", color=GREY, markersize=4, alpha=0.6)
             s = variant.over_runs[key]
-            if s.mean is not None and s.low is not None and s.high is not None:
+            if s.runs >= LEAST_RUNS and None not in (s.mean, s.low, s.high):
                 below, above = s.mean - s.low, s.high - s.mean
                 bars = np.maximum([[below], [above]], 0.0)
                 axes.errorbar(place, s.mean, bars, fmt="o", color=colour, capsize=4)

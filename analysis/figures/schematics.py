@@ -154,7 +154,7 @@ def fig06(results: Path) -> Drawing:
             "Speed loop of one motor",
             "a PI controller (Eq. 14) with limited voltage.",
             (
-                f"$K_p$ = {TABLE_II.K_p:g}, $K_i$ = {TABLE_II.K_i:g}, $V_{{s,max}}$ = "
+                f"K_p = {TABLE_II.K_p:g} V s/rad, K_i = {TABLE_II.K_i:g} V/rad, V_s_max = "
                 f"{TABLE_II.V_s_max:g} V (Table II). The integral holds while u is beyond the "
                 "limit and e would push it further out (assumed). All of it is in the motor FMU, "
                 "with these names.",

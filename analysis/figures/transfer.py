@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from agent.study.plot import draw_success
+from agent.study.plot import draw_measure
 from agent.study.transfer import TransferRow
 from analysis.figures.style import Caption, Drawing, FigureError
 from analysis.reading.results import FIGURES
@@ -24,7 +24,7 @@ def draw(rows: list[TransferRow]) -> Figure:
     """A panel per friction coefficient: success with 95 % intervals, by scenario and method."""
     coefficients = sorted({row.mu for row in rows})
     panels = {f"µ = {mu:g}": [row for row in rows if row.mu == mu] for mu in coefficients}
-    figure = draw_success(panels, lambda row: row.scenario, series_of, columns=1)
+    figure = draw_measure(panels, lambda row: row.scenario, series_of, columns=1)
     lowest = 100.0 * min(row.success_low or 0.0 for row in rows)
     for axes in figure.axes:
         axes.set_ylim(lowest - 3.0, 103.0)

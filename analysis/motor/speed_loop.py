@@ -1,36 +1,37 @@
-"""The motor's speed loop as control theory sees it, and the FMU's own.
+"""The motor's speed loop in control theory, its gains, and the FMU's own frequency response.
 
-Plant and PI controller as transfer functions from the same parameters as the FMU: poles, bandwidth,
-margins and a Bode plot, in which the FMU's own measured frequency response stands next to the
-curves. Without Coulomb friction, weight and saturation the two must agree; with them see
-`analysis.figures.fig07`.
+Plant and PI controller are transfer functions of the parameters that the FMU has. Without Coulomb
+friction, weight and saturation the FMU must agree with them. `analysis.motor.steps` has its step
+responses with all of these.
 """
 
-from pathlib import Path
+import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import control
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.figure import Figure
 
-from analysis.figures.style import WIDTH_IN
-from analysis.motor.instance import running
-from cosim.base.plotting import BLUE, GREY, VERMILION
+from analysis.motor.instance import GivenMotor, running
+from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent
 from cosim.coupling.fmu import MotorFmu
-from cosim.model.params import TABLE_II, MotorParams, motor_gain, motor_time_constant
+from cosim.model.params import FIG_7, TIMING, MotorParams, motor_gain, motor_time_constant
 
 # A sine in steps: holding each value takes 4e-5 off its amplitude, and half a step of time. The
 # steps themselves, sampled at their ends, look like the sine: they must be too fast for the loop.
 LEAST_SAMPLES_PER_PERIOD = 200
-LEAST_SAMPLING_RAD_S = 5e3
+SAMPLES_OVER_FASTEST = 25.0
 PERIODS = 2
-# Small enough to keep the voltage of the loop within its limits at every frequency.
-AMPLITUDE_RAD_S = 50.0
+# Voltage of the sine: small enough for the transient to keep within the limits.
+SHARE_OF_VOLTAGE = 0.25
 RK4 = 2
-# The fast pole's share of the start has gone after this many of its time constants.
-SETTLING = 12.0
+# The fast pole's share of the start has gone after this many of its time constants, which are
+# awaited up to a limit: the rest of both is fitted.
+SETTLING, MAX_SETTLING_S = 12.0, 1.0
+FASTEST_RAD_S = 3000.0  # measured, for the FMU's internal step of 1e-5 s
+PHASE_MARGIN_DEG = 60.0  # that proposed gains leave with a delay of one control period
+SHARE_OF_SPEED = 0.8  # of what the motor can reach, for a step response
 
 
 class Loop(NamedTuple):
@@ -38,32 +39,22 @@ class Loop(NamedTuple):
 
     Attributes:
         plant: from voltage to speed.
-        controller: from speed error to voltage, Eq. (14).
         open: controller and plant in series.
         closed: from set point to speed.
-        disturbance: from disturbance torque to speed, in the closed loop.
     """
 
     plant: Any
-    controller: Any
     open: Any
     closed: Any
-    disturbance: Any
 
 
-def speed_loop(motor: MotorParams = TABLE_II) -> Loop:
+def speed_loop(motor: MotorParams) -> Loop:
     """Eq. (13) without Coulomb friction and weight, and Eq. (14) without saturation."""
-    gain, tau = motor_gain(motor), motor_time_constant(motor)
-    plant: Any = control.tf([gain], [tau, 1.0])
-    controller: Any = control.tf([motor.K_p, motor.K_i], [1.0, 0.0])
-    torque_to_volts = motor.R / motor.K_T
-    return Loop(
-        plant,
-        controller,
-        control.series(controller, plant),
-        control.feedback(control.series(controller, plant)),
-        control.feedback(plant, controller) * torque_to_volts,
-    )
+    plant: Any = control.tf([motor_gain(motor)], [motor_time_constant(motor), 1.0])
+    # Without integral there is no pole at 0 either.
+    pi = ([motor.K_p, motor.K_i], [1.0, 0.0]) if motor.K_i else ([motor.K_p], [1.0])
+    opened = control.series(control.tf(*pi), plant)
+    return Loop(plant, opened, control.feedback(opened))
 
 
 class LoopMerit(NamedTuple):
@@ -71,116 +62,136 @@ class LoopMerit(NamedTuple):
 
     Attributes:
         poles_rad_s: of the closed loop, slowest first.
-        bandwidth_rad_s: of the closed loop, -3 dB.
+        bandwidth_rad_s: of the closed loop, -3 dB of its gain at rest.
         open_bandwidth_rad_s: of the motor alone.
-        gain_margin: factor; infinite for a loop of first order with an integrator.
-        phase_margin_deg: at the gain crossover.
-        crossover_rad_s: gain crossover.
+        gain_margin: factor; infinite for a plant of first order.
+        phase_margin_deg: at the gain crossover; infinite where there is none.
+        crossover_rad_s: gain crossover; NaN where there is none.
+        delayed_phase_margin_deg: with a delay of one control period, as of a controller in
+            firmware.
     """
 
-    poles_rad_s: tuple[float, ...]
+    poles_rad_s: tuple[complex, ...]
     bandwidth_rad_s: float
     open_bandwidth_rad_s: float
     gain_margin: float
     phase_margin_deg: float
     crossover_rad_s: float
+    delayed_phase_margin_deg: float
+
+    def record(self) -> dict[str, Any]:
+        """Return the figures for JSON: a pole is a pair of its real and its imaginary part."""
+        return self._asdict() | {"poles_rad_s": [(p.real, p.imag) for p in self.poles_rad_s]}
 
 
 def figures_of_merit(loop: Loop) -> LoopMerit:
     """Poles, bandwidth and margins."""
-    gain_margin, phase_margin, _, crossover = control.margin(loop.open)
-    poles = tuple(sorted((float(p.real) for p in control.poles(loop.closed)), reverse=True))
+    gain_margin, phase_margin, _, crossover = map(float, control.margin(loop.open))
+    poles = (complex(pole) for pole in control.poles(loop.closed))
     return LoopMerit(
-        poles,
+        tuple(sorted(poles, key=lambda pole: (-pole.real, -pole.imag))),
         float(control.bandwidth(loop.closed)),
         float(control.bandwidth(loop.plant)),
-        float(gain_margin),
-        float(phase_margin),
-        float(crossover),
+        gain_margin,
+        phase_margin,
+        crossover,
+        phase_margin - float(np.nan_to_num(math.degrees(crossover * TIMING.control_period_s))),
     )
 
 
+def step_speed(motor: MotorParams, omega_des: float | None) -> float:
+    """Return the set point of a step: the one given, or Fig. 7's as far as the motor reaches it.
+
+    Raises:
+        ConfigError: the motor cannot reach it at its largest voltage.
+    """
+    most = motor_gain(motor) * (motor.V_s_max - motor.c * motor.R / motor.K_T)
+    if not most > 0.0:
+        raise ConfigError(
+            f"V_s_max = {motor.V_s_max:g} V does not turn this motor against its Coulomb friction "
+            f"c = {motor.c:g} N m; raise V_s_max or K_T, or lower R or c"
+        )
+    if omega_des is not None and omega_des >= most:
+        raise ConfigError(
+            f"omega-des = {omega_des:g} rad/s is out of reach: at V_s_max this motor turns with "
+            f"{most:.0f} rad/s; choose less"
+        )
+    return omega_des or min(FIG_7.omega_des, SHARE_OF_SPEED * most)
+
+
+def propose(motor: MotorParams, omega_des: float) -> tuple[MotorParams, str]:
+    """Return a motor with proposed gains, and what limits them: "voltage" or "phase margin".
+
+    The controller's zero cancels the motor's pole, K_i = K_p/τ: the loop is then of first order,
+    without overshoot. K_p is as large as two limits allow. A step from rest to the set point asks
+    for no more than the voltage limit, and a delay of one control period leaves the phase margin.
+
+    Args:
+        motor: its parameters.
+        omega_des: set point of the step in rad/s.
+    """
+    tau = motor_time_constant(motor)
+    crossover = math.radians(90.0 - PHASE_MARGIN_DEG) / TIMING.control_period_s
+    limits = {
+        "voltage": motor.V_s_max / omega_des,
+        "phase margin": crossover * tau / motor_gain(motor),
+    }
+    limit = min(limits, key=lambda name: limits[name])
+    return motor._replace(K_p=limits[limit], K_i=limits[limit] / tau), limit
+
+
+def frequencies_of(loop: Loop, count: int = 10) -> np.ndarray:
+    """Return angular frequencies (count,) around the bandwidth, as far as the FMU's step allows."""
+    bandwidth = figures_of_merit(loop).bandwidth_rad_s
+    return np.geomspace(bandwidth / 60.0, min(16.0 * bandwidth, FASTEST_RAD_S), count)
+
+
 def measured_response(
-    fmu: Path, frequencies_rad_s: np.ndarray, progress: Progress = silent
+    motor: GivenMotor, frequencies_rad_s: np.ndarray, progress: Progress = silent
 ) -> np.ndarray:
     """Frequency response of the FMU's closed loop from set point to speed, complex (n,).
 
-    Without Coulomb friction and weight, each frequency on its own: a sine of the set point, held
-    between communication points, and a least-squares fit of a sine to the speed, next to what is
-    left of the slow pole's answer to the start.
-
-    Args:
-        fmu: of the motor.
-        frequencies_rad_s: angular frequencies (n,).
-        progress: receives every frequency.
+    Without Coulomb friction and weight, each frequency (n,) on its own: a sine of the set point,
+    held between communication points, and a least-squares fit of a sine to the speed, next to what
+    is left of the poles' answer to the start.
 
     Raises:
         FmuError: the FMU cannot be used.
     """
-    motor, measured = MotorFmu(fmu), []
-    for frequency_rad_s in frequencies_rad_s:
+    linear = {"c": 0.0, "m": 0.0, "solver": RK4}
+    start = {**motor.given, **{k: v for k, v in linear.items() if k in motor.fmu.variables}}
+    loop, measured = speed_loop(motor.params), []
+    for frequency in frequencies_rad_s:
         progress("measuring the FMU", len(measured), len(frequencies_rad_s))
-        measured.append(_measure(motor, frequency_rad_s))
+        volts = abs(loop.closed(1j * frequency) / loop.plant(1j * frequency))  # per rad/s
+        amplitude = SHARE_OF_VOLTAGE * motor.params.V_s_max / volts
+        measured.append(_measure(motor.fmu, start, loop, frequency, amplitude))
     progress("measuring the FMU", len(measured), len(measured))
     return np.array(measured)
 
 
-def _measure(motor: MotorFmu, frequency_rad_s: float) -> complex:
-    period_s = 2.0 * np.pi / frequency_rad_s
-    needed = int(np.ceil(LEAST_SAMPLING_RAD_S / frequency_rad_s))
+def _measure(
+    motor: MotorFmu, start: Mapping[str, float], loop: Loop, frequency: float, amplitude: float
+) -> complex:
+    merit, period_s = figures_of_merit(loop), 2.0 * np.pi / frequency
+    needed = int(np.ceil(SAMPLES_OVER_FASTEST * merit.bandwidth_rad_s / frequency))
     samples = max(LEAST_SAMPLES_PER_PERIOD, needed)
     step_s = period_s / samples
-    slow, fast = figures_of_merit(speed_loop()).poles_rad_s
-    settling = int(np.ceil(-SETTLING / fast / period_s)) * samples
+    settling_s = min(-SETTLING / merit.poles_rad_s[-1].real, MAX_SETTLING_S)
+    settling = int(np.ceil(settling_s / period_s)) * samples
     count = settling + PERIODS * samples
     # Half a step early: a held value acts on average half a step late.
-    set_point = AMPLITUDE_RAD_S * np.sin(frequency_rad_s * step_s * (np.arange(count) + 0.5))
+    set_point = amplitude * np.sin(frequency * step_s * (np.arange(count) + 0.5))
     speed = np.empty(count)
-    with running(motor, c=0.0, m=0.0, solver=RK4) as (fmu, reference):
+    with running(motor, start) as (fmu, reference):
         for tick in range(count):
             fmu.setFloat64([reference["omega_des"]], [set_point[tick]])
             fmu.doStep(tick * step_s, step_s)
             (speed[tick],) = fmu.getFloat64([reference["omega"]])
-    time_s = step_s * np.arange(settling + 1, count + 1)
-    angle = frequency_rad_s * time_s
-    shapes = np.column_stack([np.sin(angle), np.cos(angle), np.exp(slow * time_s)])
-    in_phase, quadrature, _ = np.linalg.lstsq(shapes, speed[settling:], rcond=None)[0]
-    return complex(in_phase, quadrature) / AMPLITUDE_RAD_S
-
-
-def draw(loop: Loop, frequencies_rad_s: np.ndarray, measured: np.ndarray) -> Figure:
-    """Bode plots of the open and the closed loop, with the FMU's response in the latter."""
-    merit = figures_of_merit(loop)
-    omega = np.logspace(-1, 4, 400)
-    figure, grid = plt.subplots(2, 2, figsize=(WIDTH_IN, 4.4), sharex=True)
-    columns = (("open loop L = C G", loop.open, BLUE), ("closed loop T", loop.closed, BLUE))
-    for (magnitude, phase), (title, system, colour) in zip(grid.T, columns, strict=True):
-        response = system(1j * omega)
-        magnitude.semilogx(omega, 20.0 * np.log10(np.abs(response)), color=colour, label="theory")
-        phase.semilogx(omega, np.rad2deg(np.unwrap(np.angle(response))), color=colour)
-        magnitude.set_title(title, loc="left")
-        phase.set_xlabel("angular frequency in rad/s")
-        for each in (magnitude, phase):
-            each.axvline(
-                merit.crossover_rad_s if system is loop.open else merit.bandwidth_rad_s,
-                color=GREY,
-                linestyle=":",
-                linewidth=0.8,
-            )
-    plant = loop.plant(1j * omega)
-    grid[0, 1].semilogx(
-        omega, 20.0 * np.log10(np.abs(plant / plant[0])), color=GREY, label="motor alone"
-    )
-    dots = {"color": VERMILION, "linestyle": "", "marker": "o", "markersize": 4}
-    grid[0, 1].semilogx(frequencies_rad_s, 20.0 * np.log10(np.abs(measured)), label="FMU", **dots)
-    grid[1, 1].semilogx(frequencies_rad_s, np.rad2deg(np.angle(measured)), **dots)
-    grid[0, 1].legend(loc="lower left")
-    grid[0, 0].set_ylabel("magnitude in dB")
-    grid[1, 0].set_ylabel("phase in degrees")
-    grid[1, 0].axhline(-180.0, color=GREY, linewidth=0.8)
-    grid[1, 0].set_ylim(-190.0, -40.0)
-    grid[1, 0].text(
-        0.97, 0.9, f"phase margin {merit.phase_margin_deg:.1f}°", ha="right", va="top",
-        transform=grid[1, 0].transAxes,
-    )  # fmt: skip
-    return figure
+    time_s = step_s * np.arange(1, PERIODS * samples + 1)  # since the end of settling
+    angle = frequency * (settling * step_s + time_s)
+    free = [np.exp(pole * time_s) for pole in merit.poles_rad_s]
+    free = [part for mode in free for part in (mode.real, mode.imag) if part.any()]
+    shapes = np.column_stack([np.sin(angle), np.cos(angle), *free])
+    in_phase, quadrature, *_ = np.linalg.lstsq(shapes, speed[settling:], rcond=None)[0]
+    return complex(in_phase, quadrature) / amplitude

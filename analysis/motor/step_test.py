@@ -12,11 +12,12 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from analysis.motor.instance import running
+from analysis.motor.instance import require_parameters, running
 from analysis.motor.loop_options import StepTest
 from analysis.reading.motor_test import LOOPS, SIGNALS, MotorTestError, Response
-from cosim.base.arguments import require_one_of
+from cosim.base.arguments import named_once
 from cosim.coupling.fmu import MotorFmu
+from cosim.model.params import MotorParams
 from cosim.recording.blueprint import plain_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 
@@ -46,14 +47,15 @@ def _simulate(motor: MotorFmu, test: StepTest, loop: str) -> Response:
     rows = np.empty((count + 1, 3))
     third = np.arange(count + 1) * 3 // (count + 1)
     disturbance = test.d * np.array([0.0, 1.0, -1.0])[third]
-    variables = motor.description.modelVariables
-    known = [
-        v.name for v in variables if v.causality == "parameter" and v.type in {"Float64", "Real"}
-    ]
-    for name, _ in test.motor_parameters:
-        require_one_of("motor-parameter", name, known)
-    start = dict(test.motor_parameters) | {"omega_des": test.omega_des, "V_in": test.open_loop_v}
-    with running(motor, closed_loop=loop == "closed_loop", **start) as (fmu, reference):
+    given = named_once("motor_parameters", test.motor_parameters)
+    require_parameters(motor, given)
+    start = {
+        **given,
+        "omega_des": test.omega_des,
+        "V_in": test.open_loop_v,
+        "closed_loop": loop == "closed_loop",
+    }
+    with running(motor, start) as (fmu, reference):
         wanted = [reference[name] for name in ("omega", "V_s", "i")]
         for k in range(count + 1):
             fmu.setFloat64([reference["d"]], [disturbance[k]])
@@ -96,6 +98,8 @@ def record(out: Path, fmu: Path, test: StepTest) -> None:
         facts = asdict(test)
         facts["duration_s"] = facts.pop("duration")
         facts["motor_parameters"] = dict(test.motor_parameters)
+        known = MotorFmu(fmu).read(MotorParams._fields, facts["motor_parameters"])
+        facts["parameters"] = known  # of this motor, as far as its FMU exposes them
         file.properties("motor_test", facts)
 
 

@@ -2,15 +2,18 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from analysis.profiles import QUICK
 from analysis.reading.results import FIGURES, RESULTS
 from analysis.timings import Timings, TimingsError
 from cosim.base.errors import UserError
 from minirobots import reproduction as stages
 from minirobots.commands.reproduce import Reproduce
 from minirobots.reproduction import reproduce
+from minirobots.runner import module_of, options_of
 
 
 @pytest.fixture
@@ -99,3 +102,12 @@ def test_interrupted_stage_is_not_finished_and_its_time_counts(tmp_path, tiny):
     assert again.seconds("fig08") >= first_s
     content = json.loads((tmp_path / "timings.json").read_text())
     assert content["stages"]["fig08"]["attempts"] == 2
+
+
+def test_the_seed_is_that_of_everything_random():
+    """Training, starts and noise: each command that draws gets the seed as each of its seeds."""
+    for result in RESULTS.values():
+        settings = stages._settings(result, QUICK, 7, 1)
+        options = options_of(module_of(result.maker))(out=Path("x"), **settings)
+        seeds = [name for name in vars(options) if name.endswith("seed")]
+        assert all(getattr(options, name) == 7 for name in seeds), (result.name, seeds)

@@ -1,5 +1,8 @@
 """Intervals that hold what they are for as often as they say, and the interquartile mean."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,6 +13,7 @@ from agent.evaluation.statistics import (
     mean_intervals,
     summarise,
 )
+from agent.experiments.results import differences
 
 
 def test_interquartile_mean_is_the_mean_of_the_middle_half():
@@ -83,7 +87,7 @@ def test_runs_of_which_most_agree_have_no_interval(values, known):
 
 
 def test_intervals_of_shares_end_at_0_and_1():
-    s = summarise([1.0, 0.99, 0.1], shares=True)
+    s = summarise([1.0, 0.99, 0.1], 0.0, 1.0)
     assert (s.low, s.high) == (0.0, 1.0)
 
 
@@ -91,3 +95,15 @@ def test_a_cell_says_that_there_is_no_interval():
     assert interval_text(Interval(0.5, 0.25, 0.75), 1, 100.0, " %") == "50.0 % [25.0, 75.0]"
     assert interval_text(Interval(-0.5, None, None), 2) == "−0.50 [–]"
     assert interval_text(Interval(None, None, None), 2) == "–"
+
+
+def test_differences_of_success_lie_between_minus_1_and_1():
+    def variant(*rates: float):
+        return SimpleNamespace(
+            runs=[SimpleNamespace(success=v, path_length_cm=10 * v, steps=v) for v in rates]
+        )
+
+    variants: dict[str, Any] = {"a": variant(0.1, 0.9), "b": variant(0.9, 0.7)}
+    found = differences(variants, {"a": "b"})["a"]
+    assert (found["success"].low, found["success"].high) == (-1.0, 1.0)
+    assert found["path_length_cm"].low < -10.0

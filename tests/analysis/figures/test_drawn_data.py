@@ -1,0 +1,237 @@
+"""Every curve of every kind of figure is the quantity that its axis names.
+
+The data is made up, with other values for each quantity, so that a figure that draws another one
+is noticed. Motors are drawn in `tests/analysis/test_motor_loop.py`, studies in
+`tests/agent/study/test_plot.py`.
+"""
+
+from types import SimpleNamespace
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.collections import PolyCollection
+from matplotlib.container import ErrorbarContainer
+
+from agent.evaluation.statistics import summarise
+from agent.training.loop import TrainingLog
+from analysis.figures import fig03, learning, motor_cycle, paths, schematics
+from analysis.figures.fig05 import robot_colour
+from analysis.figures.motor_cycle import Cycle
+from analysis.figures.paths import Track
+from analysis.reading.results import DRIVEN_BY
+from cosim.machine.platform.result import Motion, PlatformResult
+from cosim.model.built_in import PAPER
+
+POINTS = 7
+SHARES = {"success", "greedy_success"}
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    yield
+    plt.close("all")
+
+
+def made_up(seed: int, shape: tuple[int, ...] = (POINTS,), **limits: float) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(
+        limits.get("low", 0.0), limits.get("high", 1.0), shape
+    )
+
+
+def variant(label: str, scenario: str, runs: int, seed: int) -> learning.VariantCurves:
+    def log(run: int) -> Any:
+        curves = {
+            name: made_up(seed + 100 * run + k, high=1.0 if name in SHARES else 1000.0)
+            for k, name in enumerate(TrainingLog._fields)
+        }
+        episodes = {
+            name: 1e5 * np.arange(1, POINTS + 1) * factor
+            for name, factor in (("episode", 1), ("greedy_episode", 2))
+        }
+        return SimpleNamespace(**(curves | episodes))
+
+    return learning.VariantCurves(label, scenario, tuple(log(run) for run in range(runs)))
+
+
+def assert_curves(axes, variants, name: str, factor: float, episode: str) -> None:
+    """Means are the lines with labels; few runs have a line each, more a band within limits."""
+    means = [line for line in axes.lines if not line.get_label().startswith("_")]
+    bands = [each for each in axes.collections if isinstance(each, PolyCollection)]
+    for number, (line, each) in enumerate(zip(means, variants, strict=True)):
+        curves = factor * np.stack([getattr(log, name) for log in each.logs])
+        episodes = getattr(each.logs[0], episode) / 1e6
+        np.testing.assert_allclose(
+            line.get_xydata(), np.column_stack([episodes, curves.mean(axis=0)])
+        )
+        if len(curves) < learning.LEAST_RUNS:
+            assert not bands
+            runs = [one for one in axes.lines if one.get_color() == line.get_color()][1:]
+            np.testing.assert_allclose([one.get_ydata() for one in runs], curves)
+        else:
+            drawn = bands[number].get_paths()[0].vertices[:, 1]
+            assert drawn.min() >= 0.0
+            assert drawn.max() <= (100.0 if name in SHARES else np.inf)
+            assert drawn.max() > curves.mean(axis=0).max() or drawn.max() == 100.0
+
+
+@pytest.mark.parametrize("runs", [2, 6])
+def test_learning_curves(runs):
+    variants = {name: variant(f"c = {name}", "4", runs, 7 * k) for k, name in enumerate("ab")}
+    success, path, greedy_success, greedy_path = learning.draw_learning_curves(variants).axes
+    for axes, name, episode in (
+        (success, "success", "episode"),
+        (path, "path_length_cm", "episode"),
+        (greedy_success, "greedy_success", "greedy_episode"),
+        (greedy_path, "greedy_path_length_cm", "greedy_episode"),
+    ):
+        factor = 100.0 if name in SHARES else 1.0
+        assert_curves(axes, variants.values(), name, factor, episode)
+        assert ("%" in axes.get_ylabel()) == (factor == 100.0)
+        assert axes.get_ylim()[0] > -60.0
+    assert success.get_ylim() == (-3.0, 103.0)
+
+
+def test_bands_end_at_what_is_possible():
+    axes = plt.figure().add_subplot()
+    rates = np.array([[100.0, 0.0]] * 3 + [[10.0, 90.0], [20.0, 80.0], [30.0, 70.0]])
+    learning.plot_band(axes, np.array([1e6, 2e6]), rates, "x", 100.0)
+    (band,) = axes.collections
+    assert {0.0, 100.0} <= set(band.get_paths()[0].vertices[:, 1])
+    low, high = axes.dataLim.intervaly
+    assert (low, high) == (0.0, 100.0)
+
+
+@pytest.mark.parametrize("runs", [2, 6])
+def test_learning_curves_by_scenario(runs):
+    variants = {f"{s}-{k}": variant(f"{s}, {k}", s, runs, 7 * k) for s in "46" for k in (0, 1)}
+    axes = np.reshape(np.array(learning.draw_by_scenario(variants).axes, dtype=object), (2, 2))
+    for column, scenario in enumerate("46"):
+        own = [each for each in variants.values() if each.scenario == scenario]
+        assert axes[0, column].get_title(loc="left") == f"scenario {scenario}"
+        assert_curves(axes[0, column], own, "greedy_success", 100.0, "greedy_episode")
+        assert_curves(axes[1, column], own, "greedy_path_length_cm", 1.0, "greedy_episode")
+    assert axes[0, 0].get_ylim() == (-3.0, 103.0)
+
+
+@pytest.mark.parametrize("runs", [3, 8])
+def test_ratios_to_the_optimum(runs):
+    def one(seed: int) -> Any:
+        values = [made_up(seed + k, (runs,), low=1.0, high=2.0) for k in range(2)]
+        names = "ratio_to_bound", "steps_ratio_to_bound"
+        of_runs = [
+            SimpleNamespace(**dict(zip(names, pair, strict=True))) for pair in np.transpose(values)
+        ]
+        over = {name: summarise(v, 0.0) for name, v in zip(names, values, strict=True)}
+        return SimpleNamespace(scenario=f"s{seed}", runs=of_runs, over_runs=over)
+
+    variants = {str(seed): one(seed) for seed in (0, 10)}
+    figure = learning._draw_ratios(variants)
+    for axes, name in zip(figure.axes, ("ratio_to_bound", "steps_ratio_to_bound"), strict=True):
+        means = [each for each in axes.containers if isinstance(each, ErrorbarContainer)]
+        assert len(means) == (2 if runs >= learning.LEAST_RUNS else 0)
+        dots = [line for line in axes.lines if line.get_marker() == "."]
+        for line, each in zip(dots, variants.values(), strict=True):
+            np.testing.assert_array_equal(line.get_ydata(), [getattr(r, name) for r in each.runs])
+        for container, each in zip(means, variants.values(), strict=False):
+            (segment,) = container.lines[2][0].get_segments()
+            over = each.over_runs[name]
+            np.testing.assert_allclose(segment[:, 1], [over.low, over.high])
+            assert container.lines[0].get_ydata() == pytest.approx([over.mean])
+
+
+def track(seed: int, robots: int, outcome: str) -> Track:
+    times = np.arange(0.0, 30.0, 1.0)
+    positions = tuple(made_up(seed + k, (len(times), 2), high=0.3) for k in range(robots))
+    return Track(times, positions, outcome, (0.1,) * robots, 30.0)
+
+
+def test_paths_of_one_robot():
+    axes = plt.figure().add_subplot()
+    tracks = [track(0, 1, "success"), track(5, 1, "collision")]
+    paths._draw_tracks(axes, PAPER["1a"], tracks)
+    for line, each, style in zip(axes.lines[::2], tracks, "-:", strict=True):
+        np.testing.assert_array_equal(line.get_xydata(), 100.0 * each.positions_m[0])
+        assert (line.get_linestyle(), line.get_color()) == (style, robot_colour(0))
+    for line, each in zip(axes.lines[1::2], tracks, strict=True):
+        np.testing.assert_array_equal(line.get_xydata(), 100.0 * each.positions_m[0][[10, 20]])
+
+
+def test_paths_and_distances_of_pairs():
+    tracks = {
+        (name, method): [track(10 * k + 100 * m + e, 2, "success") for e in (0, 5)]
+        for m, method in enumerate(DRIVEN_BY)
+        for k, name in enumerate(paths.PAIRS)
+    }
+    grid = np.reshape(np.array(paths._draw_pairs(tracks).axes, dtype=object), (3, 3))
+    for (name, method), found in tracks.items():
+        column, row = paths.PAIRS.index(name), DRIVEN_BY.index(method)
+        for robot in (0, 1):
+            line = grid[row, column].lines[2 * robot]
+            np.testing.assert_array_equal(line.get_xydata(), 100.0 * found[0].positions_m[robot])
+            assert line.get_color() == robot_colour(robot)
+        drawn = [
+            each for each in grid[2, column].lines if each.get_linestyle() == paths.STYLES[method]
+        ]
+        for line, each in zip(drawn, found, strict=False):
+            x, y = (each.positions_m[0] - each.positions_m[1]).T
+            np.testing.assert_allclose(
+                line.get_xydata(), np.column_stack([each.times_s, 100.0 * np.hypot(x, y)])
+            )
+
+
+def test_a_turn_of_the_motors():
+    theta = np.column_stack([np.linspace(1.0, 7.5, 20), np.linspace(0.0, -6.5, 20)])
+    arrays = {name: made_up(k, (20,)) for k, name in enumerate(Cycle._fields)}
+    arrays |= {
+        "omega": made_up(50, (20, 2), low=1.0),
+        "normal_n": made_up(60, (20, 3)),
+        "theta": theta,
+    }
+    cycle = Cycle(**{**arrays, "robot": "r1", "apart_rad": 0.1, "impact_n_s": 0.2})
+    force, load, speed, distance = motor_cycle.draw(cycle).axes
+    expected = (
+        (force, {"driving force": cycle.driving_n, "friction": cycle.friction_n}),
+        (load, {f"foot {name}": cycle.normal_n[:, k] for k, name in enumerate("ABC")}),
+        (speed, {f"motor {name}": cycle.omega[:, k] for k, name in enumerate("DE")}),
+        (distance, {distance.lines[0].get_label(): 1e6 * cycle.ahead_m}),
+    )
+    for axes, curves in expected:
+        drawn = {line.get_label(): line.get_xydata() for line in axes.lines}
+        assert drawn.keys() == curves.keys()
+        for label, curve in curves.items():
+            np.testing.assert_allclose(
+                drawn[label], np.column_stack([np.rad2deg(theta[:, 0]), curve])
+            )
+    held = force.collections[0].get_paths()[0].vertices[:, 1]
+    assert (held.max(), held.min()) == (cycle.holds_n.max(), -cycle.holds_n.max())
+
+
+def test_motion_of_the_platform():
+    turns = np.linspace(0.0, 6.0 * np.pi, 31)
+
+    def motion(seed: int) -> Motion:
+        arrays = [made_up(seed + k, (31,)) for k in range(4)]
+        numbers = [np.array(value + seed) for value in (300.0, 0.5, 2e-3)]
+        return Motion(turns, *arrays, *numbers)
+
+    result = PlatformResult(motion(0), motion(20), None)  # pyright: ignore[reportArgumentType]
+    axes = fig03.draw(result).axes
+    for row, each in zip((axes[:3], axes[3:]), (result.paper, result.table_ii), strict=True):
+        factor = 1e3 if each.net_displacement_m >= 1e-4 else 1e6
+        over_time = np.column_stack([1e3 * each.time_s, factor * each.position_m])
+        np.testing.assert_allclose(row[0].lines[0].get_xydata(), over_time)
+        last = factor * (each.position_m[20:] - each.position_m[20])
+        np.testing.assert_allclose(row[1].lines[0].get_ydata(), last)
+        assert row[1].texts[1].get_text().startswith(f"{factor * each.net_displacement_m:.3g}")
+        first = np.column_stack([np.rad2deg(turns[:11]), each.driving_force_n[:11]])
+        np.testing.assert_allclose(row[2].lines[0].get_xydata(), first)
+        held = row[2].collections[0].get_paths()[0].vertices[:, 1]
+        assert held.max() == each.friction_limit_n[:11].max()
+        assert f"ω = {each.omega_rad_s:.0f} rad/s, µ = {each.mu:g}" in row[0].get_title(loc="left")
+
+
+@pytest.mark.parametrize("make", [schematics.fig02, schematics.fig04, schematics.fig06])
+def test_captions_are_text_without_mathematics_of_tex(make, tmp_path):
+    assert "$" not in make(tmp_path).caption.text()
