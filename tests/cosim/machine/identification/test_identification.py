@@ -179,7 +179,7 @@ def driven(heading_rad):
     turned = np.cumsum(commands.sum(axis=1)) * 1e-5
     ahead = np.cumsum(np.diff(commands, axis=1)[:, 0] * 3e-8 * np.exp(1j * (turned + heading_rad)))
     return SeenTrack(
-        times, np.column_stack([ahead.real, ahead.imag, turned + heading_rad]), commands
+        times, np.column_stack([np.real(ahead), np.imag(ahead), turned + heading_rad]), commands
     )
 
 
