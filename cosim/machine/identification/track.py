@@ -1,4 +1,4 @@
-"""Tracks that an overhead camera has seen of a robot, with the motor speeds it was given."""
+"""Motor speeds that make a robot show what it is, and its track by an overhead camera."""
 
 import csv
 import math
@@ -10,6 +10,25 @@ import numpy as np
 
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, parsing, read_bytes
+from cosim.base.storage import replacing
+
+# Set points of motors D and E in rad/s, each held for HOLD_S. Magnitudes differ by 100 rad/s or
+# more, so that the phase between the motors goes around many times a second and averages out; they
+# stay where tracks depend smoothly on all parameters, although feet lift (docs/identification.md).
+HOLD_S = 3.0
+SEQUENCE = (
+    (-800.0, 900.0),
+    (900.0, -800.0),
+    (1000.0, 0.0),
+    (0.0, -1000.0),
+    (900.0, 750.0),
+    (-1000.0, 0.0),
+    (0.0, 1000.0),
+    (-750.0, -900.0),
+    (-900.0, 700.0),
+    (700.0, -900.0),
+) * 2
+FRAME_RATE_HZ = 30.0
 
 UNITS = {"time": "s", "x": "m", "y": "m", "heading": "rad", "omega_1": "rad/s", "omega_2": "rad/s"}
 COLUMNS = tuple(UNITS)
@@ -51,6 +70,17 @@ class SeenTrack(NamedTuple):
         # a command at a period's start is that period's, however its time was rounded
         rows = np.searchsorted(self.times, starts + 0.5 * period_s, side="right") - 1
         return self.commands[rows]
+
+
+def write_excitation(path: Path) -> None:
+    """Write the sequence to drive a robot with: `time,omega_1,omega_2`, 30 rows a second."""
+    frames = np.arange(round(len(SEQUENCE) * HOLD_S * FRAME_RATE_HZ) + 1)
+    with replacing(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("time", "omega_1", "omega_2"))
+        for time_s in (frames / FRAME_RATE_HZ).round(6).tolist():
+            row = int(time_s / HOLD_S)
+            writer.writerow((time_s, *(SEQUENCE[row] if row < len(SEQUENCE) else (0.0, 0.0))))
 
 
 def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTrack:

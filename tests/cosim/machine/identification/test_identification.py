@@ -7,12 +7,20 @@ import math
 import numpy as np
 import pytest
 
-from cosim.machine.identification.excitation import HOLD_S, SEQUENCE, write_excitation
 from cosim.machine.identification.fit import Fit, unidentifiable
 from cosim.machine.identification.motion import Machine, tracks
 from cosim.machine.identification.noise import Noise, deviance, likeliest_noise, residuals
 from cosim.machine.identification.parameters import NAMES, SPREADS, usual_values
-from cosim.machine.identification.track import COLUMNS, UNITS, SeenTrack, TrackError, read_track
+from cosim.machine.identification.track import (
+    COLUMNS,
+    HOLD_S,
+    SEQUENCE,
+    UNITS,
+    SeenTrack,
+    TrackError,
+    read_track,
+    write_excitation,
+)
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II
 from cosim.model.preset import find_preset
@@ -234,7 +242,6 @@ def test_a_robot_is_identified_from_its_track(tmp_path, command):
     assert preset.motor.J == 3e-9
     assert preset.sources["J"] == "given by motor_parameters"
     assert preset.config().world.camera.rate_hz == 30.0
-    page = (out / "report.html").read_text()
-    assert "<svg" in page
-    assert "com_x_m" in page
+    assert "| com_x_m | centre of mass before the axis | " in (out / "report.md").read_text()
+    assert "<svg" in (out / "tracks.svg").read_text()
     assert json.loads((out / "identification.json").read_text()) == said
