@@ -11,11 +11,19 @@ from typing import Any
 import numpy as np
 
 from cosim.coupling.calls import Calls
-from cosim.coupling.fmu import FmuError, Motor, MotorFmu, Sampling
-from cosim.coupling.interface import INPUTS, OUTPUTS, PHASE, SAMPLED, check_use
+from cosim.coupling.fmu import (
+    INPUTS,
+    OUTPUTS,
+    PHASE,
+    SAMPLED,
+    FmuError,
+    Motor,
+    MotorFmu,
+    Sampling,
+)
 from cosim.coupling.plant import Plant
 from cosim.fmi.abi import FMI_ERROR
-from cosim.model.config import CoSimConfig
+from cosim.model.config import CoSimConfig, whole_ratio
 from cosim.model.params import SHIELD, TABLE_II, MotorParams, open_loop_voltage
 from cosim.model.world import generator
 from cosim.physics.collision import PairParams
@@ -87,8 +95,21 @@ def check_motors(fmu: MotorFmu, config: CoSimConfig, robots: int) -> None:
         FmuError: it lacks a capability.
         ConfigError: its internal step does not divide the communication step.
     """
-    motors = robots * len(MOTOR_NAMES)
-    check_use(fmu.path, fmu.interface, motors, config.timing.communication_step_s)
+    motors, can = robots * len(MOTOR_NAMES), fmu.interface
+    said = f"motor FMU {fmu.path}"
+    if motors > 1 and can.canBeInstantiatedOnlyOncePerProcess:
+        raise FmuError(
+            f"{said} has canBeInstantiatedOnlyOncePerProcess, and {motors} motors are needed at "
+            "once; export it without"
+        )
+    if can.fixedInternalStepSize is not None:
+        internal_s = float(can.fixedInternalStepSize)  # fmpy leaves the text
+        if not internal_s > 0.0:
+            raise FmuError(
+                f"{said} has fixedInternalStepSize = {internal_s:g}; export it with a positive one"
+            )
+        step_s = config.timing.communication_step_s
+        whole_ratio("communication_step_s", step_s, f"fixedInternalStepSize of {said}", internal_s)
 
 
 def why_not_fmpy(fmu: MotorFmu, config: CoSimConfig) -> str | None:

@@ -1,13 +1,19 @@
-"""Motor FMUs: load, check and instantiate with fmpy; the addresses of their C functions.
+"""Motor FMUs: check, instantiate and step with fmpy; the addresses of their C functions.
 
-Any FMI 3.0 Co-Simulation FMU with the variables of `cosim.coupling.interface` can drive a robot;
-they are found by name in its modelDescription. It is one motor, or any number of motors as arrays.
-Stepping is the master's.
+Any FMI 3.0 Co-Simulation FMU with the variables below can drive a robot; they are found by name in
+its modelDescription. Units are those of the project's own motor (`fmus.variables`). A unit is what
+its definition in SI base units says, whatever its name; a variable without a unit is taken to be in
+the right one.
+
+An FMU of many motors has all of them as arrays; their only dimension is one structural parameter,
+and an Int64 input of that size, `restart`: a motor restarts in the step after its number has
+changed. The project's own is `VibrationMotors`.
 """
 
 import contextlib
 import ctypes
 import functools
+import math
 import weakref
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,24 +22,26 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from fmpy.fmi1 import FMICallException
+from fmpy.model_description import BaseUnit
 
-from cosim.coupling.interface import (
-    CLOSED_LOOP,
-    ELECTRICAL,
-    INPUTS,
-    LOOP,
-    OPEN_INPUTS,
-    OUTPUTS,
-    RESTART,
-    SAMPLED,
-    SAMPLES,
-    STEP_SIZE,
-    array_size,
-    check_variable,
-)
 from cosim.fmi.abi import FMI_ERROR, FMI_FATAL
 from cosim.fmi.fmu import Fmu, FmuError, end
+from fmus.variables import Unit, load_table
 
+INPUTS = ("omega_des", "omega_noise", "d")
+# The same in open loop: a voltage instead of a set point, and the parameter that says so.
+OPEN_INPUTS, CLOSED_LOOP = ("V_in", *INPUTS[1:]), "closed_loop"
+OUTPUTS = ("theta", "omega", "omega_dot")
+ELECTRICAL = ("V_s", "i")
+LOOP = ("u", "integral")  # of the controller, which an FMU need not have
+RESTART = "restart"
+# Of arrays, for a driver that has many communication steps of one `doStep`: the outputs at their
+# ends, the structural parameter that says how many, and the internal step.
+SAMPLED, SAMPLES = tuple(f"{name}_samples" for name in OUTPUTS), "samples"
+STEP_SIZE = "step_size"
+PHASE = "theta_start"  # parameter: angle at the start
+_BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+_DIMENSIONLESS = ("", "1", "-")  # names that many exporters do not define
 _MESSAGES = 100  # what is kept of those of an FMU, which may come in floods
 
 
@@ -59,7 +67,7 @@ class MotorFmu(Fmu):
         inputs, outputs, electrical: value references (uint32) of INPUTS (OPEN_INPUTS in open loop),
             OUTPUTS, ELECTRICAL (and LOOP, if there is one).
         closed_loop: value reference of the parameter that instances in open loop get, else None.
-        arrays: whether an instance has any number of motors.
+        size: value reference of the number of motors of an instance of arrays; None of one motor.
 
     Raises:
         FmuError: the file is missing, is no FMU, or lacks a part of the interface.
@@ -68,8 +76,7 @@ class MotorFmu(Fmu):
 
     def __init__(self, path: Path, *, open_loop: bool = False) -> None:
         super().__init__(path)
-        self._size = array_size(path, self.variables)
-        self.arrays = self._size is not None
+        self.size = self._array_size()
         self.closed_loop: int | None = None
         if open_loop:
             for name in (OPEN_INPUTS[0], CLOSED_LOOP):
@@ -95,14 +102,80 @@ class MotorFmu(Fmu):
                 )
         return np.array([self._reference(name, causality) for name in names], dtype=np.uint32)
 
-    def _reference(self, name: str, *causalities: str) -> int:
-        variable = self.variables[name]
-        check_variable(self.path, self.description, variable, self._size, *causalities)
+    def _array_size(self) -> int | None:
+        """Value reference of the parameter for the number of motors of an instance; None if one."""
+        first = self.variables.get(INPUTS[0])
+        if first is None or not first.dimensions:
+            return None
+        size, restart = first.dimensions[0].variable, self.variables.get(RESTART)
+        if len(first.dimensions) > 1 or size is None or size.causality != "structuralParameter":
+            raise FmuError(
+                f"motor FMU {self.path} has '{first.name}' as an array of fixed or of several "
+                "dimensions; export it as a scalar, or with one structural parameter as its size"
+            )
+        if (
+            restart is None
+            or (restart.type, restart.causality) != ("Int64", "input")
+            or [d.valueReference for d in restart.dimensions] != [size.valueReference]
+        ):
+            raise FmuError(
+                f"motor FMU {self.path} has arrays but no Int64 input '{RESTART}' of their size; "
+                "export it with one, or with scalars"
+            )
+        return size.valueReference
+
+    def _reference(self, name: str, *causalities: str, samples: int | None = None) -> int:
+        """Value reference of a variable that the master can exchange.
+
+        Args:
+            name: of a variable that the FMU has.
+            causalities: those it may have, the usual one first.
+            samples: value reference of the number of values that it must have of each motor, None
+                for one.
+
+        Raises:
+            FmuError: it is no Float64 of the motors' size and of that causality, is clocked, or has
+                another unit.
+        """
+        variable, said = self.variables[name], f"motor FMU {self.path} has '{name}'"
+        if variable.type != "Float64" or variable.causality not in causalities:
+            raise FmuError(
+                f"{said} as {variable.type} {variable.causality}; export it as Float64 "
+                f"{causalities[0]}"
+            )
+        sizes = [dimension.valueReference for dimension in variable.dimensions]
+        if sizes != [number for number in (samples, self.size) if number is not None]:
+            scalar = self.size is None
+            needed = "a scalar" if scalar else f"an array of the size of '{INPUTS[0]}'"
+            found = "an array" if sizes else "a scalar"
+            raise FmuError(f"{said} as {found}; export it as {needed}")
+        if variable.clocks:
+            raise FmuError(f"{said} tied to a clock; export it without")
+        declared = variable.unit or (variable.declaredType and variable.declaredType.unit)
+        unit = _units().get(name)
+        if declared and unit and not self._same_unit(declared, unit):
+            raise FmuError(f"{said} in {declared}; export it in {unit.name}")
         return variable.valueReference
+
+    def _same_unit(self, name: str, unit: Unit) -> bool:
+        defined = (u.baseUnit for u in self.description.unitDefinitions if u.name == name)
+        base = next(defined, BaseUnit() if name in _DIMENSIONLESS else None)
+        if base is None:  # a unit may go without a definition in SI base units
+            return name == unit.name
+        return (
+            all(int(getattr(base, each)) == unit.base.get(each, 0) for each in _BASE_UNITS)
+            and math.isclose(base.factor, 1.0)
+            and base.offset == 0.0
+        )
+
+    @property
+    def arrays(self) -> bool:
+        """Return whether an instance has any number of motors."""
+        return self.size is not None
 
     @property
     def samples(self) -> bool:
-        """Return whether an instance samples within a step, see `cosim.coupling.interface`."""
+        """Return whether an instance samples within a step, see `SAMPLED`."""
         return self.arrays and {SAMPLES, *SAMPLED} <= set(self.variables)
 
     @functools.cached_property
@@ -112,13 +185,9 @@ class MotorFmu(Fmu):
         Raises:
             FmuError: they are no Float64 arrays of samples and motors in the usual unit.
         """
-        sizes = self._size, self.variables[SAMPLES].valueReference
-        for name in SAMPLED:
-            variable = self.variables[name]
-            check_variable(
-                self.path, self.description, variable, sizes[0], "output", samples=sizes[1]
-            )
-        return np.array([self.variables[n].valueReference for n in SAMPLED], dtype=np.uint32)
+        samples = self.variables[SAMPLES].valueReference
+        found = [self._reference(name, "output", samples=samples) for name in SAMPLED]
+        return np.array(found, dtype=np.uint32)
 
     def internal_step_s(self) -> float | None:
         """Internal step unless it is set, None if the FMU has none."""
@@ -184,23 +253,13 @@ class MotorFmu(Fmu):
         """
         return Motor(self, name, parameters or {}, motors, sampling)
 
-    def configure(self, slave: Any, motors: int, sampling: Sampling | None) -> None:
-        """Set the number of motors of an instance of arrays, and the samples of its steps."""
-        if self._size is None:
-            return
-        sizes = {self._size: motors}
-        if sampling is not None:
-            sizes[self.variables[SAMPLES].valueReference] = sampling.number
-        slave.enterConfigurationMode()
-        slave.setUInt64([*sizes], [*sizes.values()])
-        slave.exitConfigurationMode()
-        if sampling is not None and sampling.interval_s < (self.internal_step_s() or 0.0):
-            reference = self.variables[STEP_SIZE].valueReference
-            slave.setFloat64([reference], [sampling.interval_s])
 
-    def restart(self, slave: Any, runs: np.ndarray) -> None:
-        """Restart the motors of an instance of arrays where the number of a run has changed."""
-        slave.setInt64([self.variables[RESTART].valueReference], runs.tolist())
+@functools.cache
+def _units() -> dict[str, Unit]:
+    """Unit of each variable of a motor."""
+    table = load_table()
+    units = {unit.name: unit for unit in table.units}
+    return {v.name: units[v.unit] for v in table.variables if v.unit}
 
 
 class Motor:
@@ -227,12 +286,11 @@ class Motor:
         self.name = name
         self._motors = motors
         self.log: deque[str] = deque(maxlen=_MESSAGES)
-        self._returns = False  # whether the state before a step will be restored
         values = {fmu.parameter(parameter): value for parameter, value in parameters.items()}
         self.slave: Any = None
         try:
             self.slave = fmu.load(name, self.log)
-            fmu.configure(self.slave, motors, sampling)
+            self._configure(sampling)
             if fmu.closed_loop is not None:
                 self.slave.setBoolean([fmu.closed_loop], [False])
             for reference, value in values.items():
@@ -251,6 +309,21 @@ class Motor:
         self.addresses = Addresses(*addresses)
         self.instance = int(self.slave.component)
 
+    def _configure(self, sampling: Sampling | None) -> None:
+        """Set the number of motors of an instance of arrays, and the samples of its steps."""
+        fmu, slave = self.fmu, self.slave
+        if fmu.size is None:
+            return
+        sizes = {fmu.size: self._motors}
+        if sampling is not None:
+            sizes[fmu.variables[SAMPLES].valueReference] = sampling.number
+        slave.enterConfigurationMode()
+        slave.setUInt64([*sizes], [*sizes.values()])
+        slave.exitConfigurationMode()
+        if sampling is not None and sampling.interval_s < (fmu.internal_step_s() or 0.0):
+            reference = fmu.variables[STEP_SIZE].valueReference
+            slave.setFloat64([reference], [sampling.interval_s])
+
     def set_inputs(self, values: np.ndarray, tick: int, dt_s: float) -> None:
         """Set INPUTS; raises FmuError naming the time of `tick`."""
         with self._named_errors(tick * dt_s, "refuses its inputs"):
@@ -259,7 +332,8 @@ class Motor:
     def restart(self, runs: np.ndarray) -> None:
         """Restart motors of arrays where the number of a run, (motors,) int64, has changed."""
         with self._named_errors(0.0, "refuses to restart motors"):
-            self.fmu.restart(self.slave, runs)
+            reference = self.fmu.variables[RESTART].valueReference
+            self.slave.setInt64([reference], runs.tolist())
 
     def parameter(self, name: str) -> np.ndarray:
         """Values (motors,) of a tunable parameter; raises FmuError if it is fixed."""

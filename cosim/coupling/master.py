@@ -31,7 +31,7 @@ from cosim.coupling.calls import (
     step_period,
     take_sampled,
 )
-from cosim.coupling.interface import OUTPUTS
+from cosim.coupling.fmu import OUTPUTS
 from cosim.coupling.period import begin_period
 from cosim.coupling.plant import Plant, begin_step, push_bodies, react, step_robots
 from cosim.coupling.sampling import end_period, restore_ended, sample_tick

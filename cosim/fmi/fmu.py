@@ -24,7 +24,6 @@ from cosim.base.errors import UserError
 from cosim.base.reading import refuse_pointer
 from cosim.base.storage import cache_dir, load_or_create
 from cosim.fmi.abi import FMI_FATAL
-from cosim.model.config import whole_ratio
 
 MAX_BYTES = 2**30  # of all files of an FMU together, unpacked: far more than FMUs hold
 _NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resources/")
@@ -191,41 +190,6 @@ def _read_description(folder: Path, said: str) -> ModelDescription:
         if problems:
             _LOG.warning("%s violates the standard: %s%s", said, problems[0], more)
         return description
-
-
-def check_steps(
-    interface: CoSimulation, said: str, step: tuple[str, float], varied: str | None
-) -> None:
-    """Refuse an FMU that cannot make the steps that a run makes.
-
-    Args:
-        interface: its capabilities.
-        said: what it is called in messages.
-        step: name and duration in s of the communication step, or of the one that all others are
-            multiples of.
-        varied: None if steps are all equal; where they vary and are rolled back, what needs that
-            and how to do without.
-
-    Raises:
-        FmuError: it lacks a capability.
-        ConfigError: its internal step does not divide the communication step.
-    """
-    for needed, able in (
-        ("save its state (canGetAndSetFMUState)", interface.canGetAndSetFMUstate),
-        (
-            "vary its step (canHandleVariableCommunicationStepSize)",
-            interface.canHandleVariableCommunicationStepSize,
-        ),
-    ):
-        if varied and not able:
-            raise FmuError(f"{said} cannot {needed}, {varied}")
-    if interface.fixedInternalStepSize is not None:
-        internal_s = float(interface.fixedInternalStepSize)  # fmpy leaves the text
-        if not internal_s > 0.0:
-            raise FmuError(
-                f"{said} has fixedInternalStepSize = {internal_s:g}; export it with a positive one"
-            )
-        whole_ratio(*step, f"fixedInternalStepSize of {said}", internal_s)
 
 
 def end(slave: Any) -> None:

@@ -75,7 +75,7 @@ class Physics:
         preset = find_preset(self.preset)
         given = named_once("motor_parameters", self.motor_parameters)
         if given:
-            from cosim.coupling.interface import INPUTS, OPEN_INPUTS  # noqa: PLC0415 - with fmpy
+            from cosim.coupling.fmu import INPUTS, OPEN_INPUTS  # noqa: PLC0415 - with fmpy
 
             if inputs := given.keys() & {*INPUTS, *OPEN_INPUTS}:
                 raise ConfigError(

@@ -26,7 +26,7 @@ class IdentifyRobot(IsolatedOptions):
     excite: Annotated[Path | None, ending(".csv"), tyro.conf.arg(metavar="FILE.csv")] = None
     """Write the motor speeds to drive a robot with: time, omega_1, omega_2."""
     out: Folder = Path("runs/robot")
-    """Output folder: preset.toml, identification.json, report.html."""
+    """Output folder: preset.toml, identification.json, report.md, tracks.svg."""
     preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
     """Machine that the robot is like: what is not identified, such as its mass, and what is assumed
     before anything is."""
@@ -46,7 +46,7 @@ class IdentifyRobot(IsolatedOptions):
 def run(options: IdentifyRobot, progress: Progress) -> Iterator[Any]:
     """Identify the robot and print its parameters; or write the motor speeds to drive it with."""
     if options.track is None:
-        from cosim.machine.identification.excitation import HOLD_S, SEQUENCE, write_excitation
+        from cosim.machine.identification.track import HOLD_S, SEQUENCE, write_excitation
 
         assert options.excite is not None
         write_excitation(options.excite)
@@ -55,8 +55,7 @@ def run(options: IdentifyRobot, progress: Progress) -> Iterator[Any]:
         print(f"motor speeds for {duration_s:g} s in {options.excite}")
         return
     from cosim.base.table import show_texts
-    from cosim.machine.identification.page import rows
-    from cosim.machine.identification.result import identify, write
+    from cosim.machine.identification.result import HEADER, identify, table, write
     from cosim.machine.identification.track import read_track
     from cosim.model.preset import find_preset
     from cosim.simulation.options import Physics
@@ -71,8 +70,7 @@ def run(options: IdentifyRobot, progress: Progress) -> Iterator[Any]:
     identified = identify(track, options.track.name, preset, physics.config(), fmu, progress)
     write(identified, options.out)
     yield identified.report
-    header = ("parameter", "what it is", "value", "95 % interval", "rises")
-    show_texts(header, rows(identified), names=2)
+    show_texts(HEADER, table(identified.report), names=2)
     for words in identified.report.unidentifiable:
         print(f"not identifiable from this track: {words}")
-    print(f"results in {options.out}/: preset.toml, identification.json, report.html")
+    print(f"results in {options.out}/: preset.toml, identification.json, report.md, tracks.svg")

@@ -32,7 +32,7 @@ class Validate(Distributed, IsolatedOptions, Resumable):
 def run(options: Validate, progress: Progress) -> Iterator[Any]:
     """Measure missing results, and write and print the tables."""
     from cosim.base.table import show, write_report
-    from cosim.machine.validation.tables import tables, text_of
+    from cosim.machine.validation.report import tables, text_of
     from cosim.machine.validation.validate import QUICK, Effort, validate
     from cosim.simulation.options import Physics
 

@@ -7,9 +7,8 @@ import numpy as np
 
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
-from cosim.machine.identification.excitation import FRAME_RATE_HZ, HOLD_S, SEQUENCE
 from cosim.machine.identification.parameters import machine
-from cosim.machine.identification.track import SeenTrack
+from cosim.machine.identification.track import FRAME_RATE_HZ, HOLD_S, SEQUENCE, SeenTrack
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II, MotorParams
 from cosim.model.world import Sensor, World, draw_world

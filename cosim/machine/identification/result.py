@@ -1,25 +1,31 @@
-"""Results of identification as files: numbers, a preset for the simulation, and a page."""
+"""Results of identification as files: numbers, a preset for the simulation, and a report."""
 
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 
 import msgspec
 import numpy as np
+from matplotlib.figure import Figure
 
+from cosim.base.plotting import BLUE, GREEN, VERMILION, styled
 from cosim.base.progress import Progress, silent
-from cosim.base.storage import write_json
+from cosim.base.storage import replacing, write_json, write_whole
+from cosim.base.table import Column, markdown
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.parameters import with_motor
 from cosim.machine.identification.fit import QUANTILE, UNKNOWN, Fit, fit, rises, unidentifiable
 from cosim.machine.identification.noise import Noise
 from cosim.machine.identification.parameters import PARAMETERS, SPREADS, machine
-from cosim.machine.identification.simulated import simulated
+from cosim.machine.identification.simulated import Simulated, motor_speeds
 from cosim.machine.identification.track import SeenTrack
 from cosim.model.config import CoSimConfig
 from cosim.model.preset import Preset
 from cosim.model.world import Sensor
 
-JSON_FILE, PRESET_FILE, PAGE_FILE = "identification.json", "preset.toml", "report.html"
+JSON_FILE, PRESET_FILE, PAGE_FILE = "identification.json", "preset.toml", "report.md"
+DRAWING_FILE = "tracks.svg"
+HEADER = ("parameter", "what it is", "value", "95 % interval", "rises")
 
 
 class Estimate(msgspec.Struct, frozen=True, kw_only=True):
@@ -102,7 +108,11 @@ def identify(
     preset = preset._replace(motor=config.motor, sources=dict(config.sources))
     set_points = track.set_points(config.timing.control_period_s)
     progress("turning the motors", 0, None)
-    drive = simulated(set_points, track.times, MotorFmu(fmu), config)
+    speeds, smooth = (
+        motor_speeds(set_points, MotorFmu(fmu), config, seed)
+        for seed in (np.random.SeedSequence(0), None)
+    )
+    drive = Simulated(speeds, smooth, track.times, config)
     progress("turning the motors", 1, 1)
     found = fit(track, drive, progress)
     report = _report(track, name, preset, found, rises(track, drive, found))
@@ -182,10 +192,87 @@ def _preset(track: SeenTrack, name: str, preset: Preset, found: Fit) -> Preset:
 
 
 def write(identified: Identified, out: Path) -> None:
-    """Write identification.json, preset.toml and report.html."""
-    # here, because drawing is slow to import
-    from cosim.machine.identification.page import write_page  # noqa: PLC0415
-
+    """Write identification.json, preset.toml, report.md and the drawing in it."""
     write_json(out / JSON_FILE, identified.report)
     identified.preset.save(out / PRESET_FILE)
-    write_page(identified, out / PAGE_FILE)
+    with replacing(out / DRAWING_FILE) as temporary:
+        _draw(identified.track, identified.fit).savefig(
+            temporary, format="svg", metadata={"Date": None}
+        )
+    write_whole(out / PAGE_FILE, _text(identified.report))
+
+
+def table(report: Identification) -> list[tuple[str, ...]]:
+    """Of every parameter: name, description, value, interval, and rises at the interval's ends."""
+    rows = []
+    for parameter, found in zip(PARAMETERS, report.parameters, strict=True):
+        value, low, high = (parameter.scale * v for v in (found.value, found.low, found.high))
+        ends = ", ".join("–" if rise is None else f"{rise:.1f}" for rise in found.rises)
+        known = f"{low:.3f} to {high:.3f}" if found.identifiable else "not identifiable"
+        unit = f" {parameter.unit}" if parameter.unit else ""
+        rows.append((parameter.name, parameter.description, f"{value:.3f}{unit}", known, ends))
+    return rows
+
+
+def _text(report: Identification) -> str:
+    """The report as Markdown."""
+    columns = [Column(name, itemgetter(k)) for k, name in enumerate(HEADER)]
+    unknown = [f"- {words}" for words in report.unidentifiable]
+    noise = report.noise
+    return f"""# Parameters identified from {report.track}
+
+{report.frames} frames in {report.duration_s:.1f} s; all else is of the preset {report.preset}. The
+robot as it was identified is in [{PRESET_FILE}]({PRESET_FILE}), for `--preset`.
+
+{markdown(columns, table(report))}
+
+The rise is that of the sum of squares at the ends of the interval, by simulation. Were the model
+linear, it would be {QUANTILE**2:.2f}; where it is much larger the true interval is narrower, where
+it is much smaller the true interval is wider.
+
+## What the track cannot tell
+
+{chr(10).join(unknown) or "It tells something of every parameter."}
+
+## Tracks and residuals
+
+![Tracks, headings and residuals]({DRAWING_FILE})
+
+Errors of the camera: {1e3 * noise["position_m"]:.2f} mm and
+{np.rad2deg(noise["heading_rad"]):.2f}°. What the speed noise does to a robot stays, so that the
+tracks above part; residuals are from frame to frame.
+"""
+
+
+@styled
+def _draw(track: SeenTrack, fit: Fit) -> Figure:
+    """Tracks seen and simulated, headings, and residuals."""
+    seen, own = track.poses, _laid_over(fit.frames, track.poses)
+    figure = Figure(figsize=(10.0, 8.0), layout="constrained")
+    (plane, turning), (errors, spread) = figure.subplots(2, 2)
+    for poses, colour, form, label in (
+        (seen, BLUE, ".", "seen"),
+        (own, VERMILION, "-", "simulated"),
+    ):
+        plane.plot(1e3 * poses[:, 0], 1e3 * poses[:, 1], form, color=colour, ms=1.5, label=label)
+        turning.plot(track.times, np.rad2deg(poses[:, 2]), form, color=colour, ms=1.5, label=label)
+    plane.set(title="track", xlabel="x, mm", ylabel="y, mm", aspect="equal")
+    plane.legend()
+    turning.set(title="heading", xlabel="s", ylabel="°")
+    for k, (name, colour) in enumerate((("x", BLUE), ("y", GREEN), ("heading", VERMILION))):
+        residuals = fit.residuals[:, k]
+        errors.plot(track.times[1:], residuals, ".", ms=2, color=colour, label=name)
+        spread.hist(residuals, bins=np.linspace(-5.0, 5.0, 41), histtype="step", color=colour)
+    errors.set(title="residuals over their standard deviations", xlabel="s")
+    errors.legend()
+    spread.set(title="the same, counted", xlabel="standard deviations", ylabel="frames")
+    return figure
+
+
+def _laid_over(frames: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """The simulated track (n, 3), moved and turned as a whole to where the robot was seen."""
+    turn = np.mean(poses[:, 2] - frames[:, 2])
+    places, seen = (track[:, 0] + 1j * track[:, 1] for track in (frames, poses))
+    places = places * np.exp(1j * turn)
+    places += np.mean(seen - places)
+    return np.column_stack([places.real, places.imag, frames[:, 2] + turn])

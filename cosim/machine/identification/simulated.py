@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cosim.coupling.assembly import Motors, draw_noise, noise_generators
 from cosim.coupling.fmu import MotorFmu
-from cosim.machine.identification.excitation import motor_speeds
+from cosim.coupling.signals import MOTORS
 from cosim.machine.identification.motion import tracks
 from cosim.machine.identification.parameters import DELAY, machine
 from cosim.model.config import CoSimConfig
@@ -85,21 +86,38 @@ class Simulated:
         return tracks(machines, speeds, config.ticks_per_period, config.timing.dt_s, every)
 
 
-def simulated(
-    set_points: np.ndarray, times: np.ndarray, fmu: MotorFmu, config: CoSimConfig
-) -> Simulated:
-    """Simulations of a drive.
+def motor_speeds(
+    set_points: np.ndarray, fmu: MotorFmu, config: CoSimConfig, seed: np.random.SeedSequence | None
+) -> np.ndarray:
+    """Speeds of motors D and E in rad/s at the ends of control periods.
 
     Args:
-        set_points: (P, 2) of motors D and E in rad/s, of every control period.
-        times: (n,) of the frames in s.
+        set_points: (P, 2) in rad/s, of every control period.
         fmu: of both motors.
-        config: see `Simulated`.
+        config: their parameters, noise and clock.
+        seed: of the noise; None for none.
+
+    Returns:
+        (P + 1, 2), from rest.
 
     Raises:
         FmuError: the FMU failed.
     """
-    speeds, smooth = (
-        motor_speeds(set_points, fmu, config, seed) for seed in (np.random.SeedSequence(0), None)
-    )
-    return Simulated(speeds, smooth, times, config)
+    ticks, dt_s = config.ticks_per_period, config.timing.dt_s
+    noise = np.zeros((len(set_points), 1, 2))
+    if seed is not None:
+        noise = draw_noise(config, noise_generators(seed, 1), len(set_points))
+    speeds = np.zeros((len(set_points) + 1, 2))
+    inputs, outputs = np.zeros((3 * MOTORS, 1)), np.zeros((3 * MOTORS, 1))
+    motors = Motors(fmu, config, 1)
+    motors.restart([0], ((config.motor, config.motor),))
+    try:
+        for period, wanted in enumerate(set_points):
+            inputs[: 2 * MOTORS, 0] = *wanted, *(noise[period, 0] * abs(wanted))
+            motors.set_inputs(inputs, dt_s)
+            motors.step(ticks, dt_s)
+            motors.get_outputs(outputs, dt_s)
+            speeds[period + 1] = outputs[MOTORS : 2 * MOTORS, 0]
+    finally:
+        motors.close()
+    return speeds

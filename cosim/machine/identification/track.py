@@ -1,7 +1,8 @@
-"""Tracks that an overhead camera has seen of a robot, with the motor speeds it was given."""
+"""Motor speeds that make a robot show what it is, and its track by an overhead camera."""
 
 import csv
 import math
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,13 +10,38 @@ import numpy as np
 
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, parsing, read_bytes
+from cosim.base.storage import replacing
 
-COLUMNS = ("time", "x", "y", "heading", "omega_1", "omega_2")
+# Set points of motors D and E in rad/s, each held for HOLD_S. Magnitudes differ by 100 rad/s or
+# more, so that the phase between the motors goes around many times a second and averages out; they
+# stay where tracks depend smoothly on all parameters, although feet lift (docs/identification.md).
+HOLD_S = 3.0
+SEQUENCE = (
+    (-800.0, 900.0),
+    (900.0, -800.0),
+    (1000.0, 0.0),
+    (0.0, -1000.0),
+    (900.0, 750.0),
+    (-1000.0, 0.0),
+    (0.0, 1000.0),
+    (-750.0, -900.0),
+    (-900.0, 700.0),
+    (700.0, -900.0),
+) * 2
+FRAME_RATE_HZ = 30.0
+
+UNITS = {"time": "s", "x": "m", "y": "m", "heading": "rad", "omega_1": "rad/s", "omega_2": "rad/s"}
+COLUMNS = tuple(UNITS)
+_HEADING = re.compile(
+    r"\s*(.*?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*"
+)  # of a column, perhaps with a unit
 LEAST_S, LEAST_FRAMES = 5.0, 100
 MOST_S = 3600.0  # longer ones are in milliseconds or smaller units
 # Between neighbouring frames a robot moves some 0.2 mm: more than this is a hand, or another unit.
 MOST_STEP_M, MOST_TURN_RAD = 0.02, 1.0
 MOST_SPEED_RAD_S = 5800.0  # what the motors reach at their largest voltage
+# From here on a motion shows its direction: turned the wrong way, or driven off the heading.
+LEAST_TURN_RAD, LEAST_DRIVE_M, MOST_OFF_RAD = 0.2, 0.005, math.radians(60.0)
 
 
 class TrackError(UserError):
@@ -46,12 +72,24 @@ class SeenTrack(NamedTuple):
         return self.commands[rows]
 
 
+def write_excitation(path: Path) -> None:
+    """Write the sequence to drive a robot with: `time,omega_1,omega_2`, 30 rows a second."""
+    frames = np.arange(round(len(SEQUENCE) * HOLD_S * FRAME_RATE_HZ) + 1)
+    with replacing(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("time", "omega_1", "omega_2"))
+        for time_s in (frames / FRAME_RATE_HZ).round(6).tolist():
+            row = int(time_s / HOLD_S)
+            writer.writerow((time_s, *(SEQUENCE[row] if row < len(SEQUENCE) else (0.0, 0.0))))
+
+
 def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTrack:
     """Read a track.
 
     Args:
-        path: of a CSV file with the columns `COLUMNS`, in any order, and perhaps others: seconds,
-            metres, radians counter-clockwise from +x, rad/s.
+        path: of a CSV file with the columns `COLUMNS`, in any order and case, and perhaps others:
+            seconds, metres, radians counter-clockwise from +x, rad/s. Cells are separated by
+            commas, semicolons or tabs; headings may name the unit, as in "time [s]".
         board_m: width and height of the board with its corner at the origin; by default endless.
 
     Raises:
@@ -59,14 +97,21 @@ def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTr
     """
     content = read_bytes(path, _KIND)
     with parsing(path, _KIND):
-        rows = csv.DictReader(content.decode("utf-8-sig").splitlines())
-        missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
-        if missing:
-            raise TrackError(f"{path}: line 1 has no column {missing[0]}; give {','.join(COLUMNS)}")
+        text = content.decode("utf-8-sig").splitlines() or [""]
+        separator = max(",;\t", key=text[0].count)
+        rows = csv.reader(text, delimiter=separator, skipinitialspace=True)
+        header = next(rows)
+        places = _places(header, path)
         lines, numbers = [], []
-        for row in rows:
+        for row in filter(None, rows):
+            if len(row) > len(header):
+                raise TrackError(
+                    f"{path}: line {rows.line_num}: {len(row)} cells for {len(header)} columns; "
+                    "remove what is too much, and write decimal points instead of commas"
+                )
             lines.append(rows.line_num)
-            numbers.append([_number(row[name], name, path, rows.line_num) for name in COLUMNS])
+            cells = row + [""] * (len(header) - len(row))
+            numbers.append([_number(cells[k], name, path, lines[-1]) for name, k in places.items()])
     table = np.array(numbers, dtype=float).reshape(-1, len(COLUMNS))
     times = table[:, 0] - table[:1, 0]
     if len(times) < LEAST_FRAMES or times[-1] < LEAST_S:
@@ -102,7 +147,51 @@ def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTr
             raise TrackError(f"{path}: line {lines[int(np.argmax(wrong))]}: {what}")
     if not table[:, 4:].any():
         raise TrackError(f"{path}: omega_1 and omega_2 are 0 in every line; drive the robot")
-    return SeenTrack(times, poses, table[:, 4:].copy())
+    commands = table[:, 4:].copy()
+    if wrong := _wrong_sign(poses, commands):
+        raise TrackError(f"{path}: {wrong}")
+    return SeenTrack(times, poses, commands)
+
+
+def _places(header: list[str], path: Path) -> dict[str, int]:
+    """Position of each of `COLUMNS` in the first line."""
+    found: dict[str, int] = {}
+    for k, heading in enumerate(header):
+        match = _HEADING.fullmatch(heading.lower())
+        name, unit = match.groups() if match else ("", None)
+        if name in found:
+            raise TrackError(f"{path}: line 1 has two columns {name}; remove or rename one")
+        if name in UNITS:
+            if unit not in {None, UNITS[name]}:
+                raise TrackError(f"{path}: line 1: {name} is in {unit}; give it in {UNITS[name]}")
+            found[name] = k
+    if missing := [name for name in COLUMNS if name not in found]:
+        raise TrackError(f"{path}: line 1 has no column {missing[0]}; give {','.join(COLUMNS)}")
+    return {name: found[name] for name in COLUMNS}
+
+
+def _wrong_sign(poses: np.ndarray, commands: np.ndarray) -> str | None:
+    """Return why the motion contradicts the commands, as motors that are alike move any robot."""
+    d, e = commands[:-1].T
+    steps = np.diff(poses[:, 0] + 1j * poses[:, 1]) * np.exp(-1j * poses[:-1, 2])
+    turned = float((np.sign(d + e) * np.diff(poses[:, 2]))[d * e >= 0.0].sum())
+    driven = complex((np.sign(e) * steps)[d * e < 0.0].sum())
+    off = abs(np.angle(driven)) if abs(driven) > LEAST_DRIVE_M else 0.0
+    if turned < -LEAST_TURN_RAD:
+        fix = "heading, and of y if it points down as in a camera's image"
+        if off > MOST_OFF_RAD:
+            fix = "omega_1 and omega_2, or of heading if it is clockwise"
+        return (
+            f"the robot turns {-turned:.2g} rad clockwise by positive omega_1 and omega_2 (or back "
+            f"by negative ones) and must turn counter-clockwise; change the sign of {fix}"
+        )
+    if off > MOST_OFF_RAD:
+        return (
+            f"with omega_1 < 0 < omega_2 the robot drives {math.degrees(off):.0f}° off its heading;"
+            " exchange omega_1 and omega_2, change the sign of y if it points down, or measure the "
+            "heading towards the robot's front"
+        )
+    return None
 
 
 def _later(condition: np.ndarray) -> np.ndarray:
@@ -110,12 +199,13 @@ def _later(condition: np.ndarray) -> np.ndarray:
     return np.concatenate([[False], condition])
 
 
-def _number(text: str | None, name: str, path: Path, line: int) -> float:
+def _number(text: str, name: str, path: Path, line: int) -> float:
     try:
-        value = float(text or "")
+        value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        said = f"{text!r} is not a number" if text else "the number is missing"
-        raise TrackError(f"{path}: line {line}: {name}: {said}; fix or remove the line")
+        said = f"{text!r} is not a number" if text.strip() else "the number is missing"
+        fix = "write a decimal point" if "," in text else "fix or remove the line"
+        raise TrackError(f"{path}: line {line}: {name}: {said}; {fix}")
     return value

@@ -1,23 +1,36 @@
 """Design for a given speed of a robot: motor speed, eccentric masses or feet, in closed form.
 
-The robot is the 1-DOF platform (`cosim.machine.platform.motion`) on three feet
-(`cosim.machine.platform.feet`), both motors in phase. In the dynamics, where phases differ, robots
-are somewhat faster and feet lift somewhat earlier (docs/physics.md).
+The robot is the 1-DOF platform (`cosim.machine.platform.motion`) on three feet, both motors in
+phase. While all feet are down, friction follows from the platform's strokes, and what each foot
+carries from the moments about the axis across the robot. The dynamics agree within 1 % of the motor
+speed (`tests/cosim/physics/test_prescribed.py`). Where phases differ, robots are somewhat faster
+and feet lift somewhat earlier (docs/physics.md).
 """
 
+import math
 from collections.abc import Callable
 
 import msgspec
+import numpy as np
 from scipy.optimize import root_scalar
 
-from cosim.machine.platform.feet import foot_lift_speed
-from cosim.machine.platform.gradient import speed_gradient
-from cosim.machine.platform.motion import drift_speed, lift_off_speed, net_speed, robot_platform
+from cosim.machine.platform.motion import (
+    drift_speed,
+    lift_off_speed,
+    net_speed,
+    robot_platform,
+    sensitivities,
+    slip_speed,
+    strokes,
+)
 from cosim.model.params import MotorParams, RobotParams
 
 _UNDER = 1.0 - 1e-6  # just below a bound
 # Where answers are looked for: m r as a multiple, and lengths in m.
 _FACTORS, _LENGTHS_M = (1e-2, 1e2), (1e-3, 0.2)
+_ANGLES = 4_000
+_SETTLED_TURNS = 10  # after which the motion repeats itself
+_SPEED_TOLERANCE = 1e-3  # rad/s
 
 
 class Design(msgspec.Struct, frozen=True, kw_only=True):
@@ -71,14 +84,6 @@ def design(robot: RobotParams, motor: MotorParams, speed_m_s: float) -> Design:
     # Speed at the bound grows with the root of m r: the same force, in fewer and longer steps.
     factor = _root(feet_down, *_FACTORS)
     stronger = None if factor is None else motor._replace(r=factor * motor.r)
-    point = omega or _UNDER * lift_off_speed(platform)
-    gradient = speed_gradient(platform, point)
-    now = {
-        "unbalance": platform.m * platform.r,
-        "mu": platform.mu,
-        "mass": platform.mass,
-        "omega": point,
-    }
     return Design(
         speed_m_s=speed_m_s,
         lift_off_rad_s=lift_off_speed(platform),
@@ -91,9 +96,7 @@ def design(robot: RobotParams, motor: MotorParams, speed_m_s: float) -> Design:
         unbalance_motor_speed_rad_s=stronger and motor_speed(robot, stronger, speed_m_s),
         foot_radius_m=omega and _layout(robot, motor, omega, "foot_radius_m"),
         com_height_m=omega and _layout(robot, motor, omega, "com_height_m"),
-        percent_per_percent={
-            name: value * getattr(gradient, name) / gradient.value for name, value in now.items()
-        },
+        percent_per_percent=sensitivities(platform, omega or _UNDER * lift_off_speed(platform)),
     )
 
 
@@ -121,3 +124,48 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float 
     if function(low) * function(high) > 0.0:
         return None
     return root_scalar(function, bracket=(low, high), method="brentq", rtol=1e-7).root
+
+
+def least_foot_force(robot: RobotParams, motor: MotorParams, omega_rad_s: float) -> float:
+    """Smallest normal force of a foot in N over one turn of the motors.
+
+    Args:
+        robot: feet A and C stand half a foot radius ahead of the centre, B a whole one behind.
+        motor: each of two.
+        omega_rad_s: positive forwards, negative backwards.
+
+    Raises:
+        PlatformError: the whole robot would leave the floor, or the motors stand still.
+    """
+    platform, omega = robot_platform(robot, motor), abs(omega_rad_s)
+    theta = 2.0 * math.pi * (_SETTLED_TURNS + np.linspace(0.0, 1.0, _ANGLES))
+    unbalance = platform.m * platform.r
+    drive = unbalance * omega**2 * np.sin(theta)
+    weight = (platform.mass + platform.m) * platform.g
+    normal = weight + unbalance * omega**2 * np.cos(theta)
+    friction = -drive
+    for stroke in strokes(platform, omega, _SETTLED_TURNS + 2):
+        sliding = (stroke.start < theta) & (theta < stroke.stop)
+        friction[sliding] = -stroke.direction * platform.mu * normal[sliding]
+    below = robot.motor_axis_height_m - robot.com_height_m
+    torque = unbalance * platform.g * np.sin(theta)
+    sense = math.copysign(1.0, omega_rad_s)
+    pitching = sense * (below * drive + torque - robot.com_height_m * friction)
+    radius = robot.foot_radius_m
+    rear = (0.5 * radius * normal - pitching) / (1.5 * radius)
+    return float(np.minimum(rear, (normal - rear) / 2.0).min())
+
+
+def foot_lift_speed(robot: RobotParams, motor: MotorParams) -> float:
+    """Motor speed in rad/s above which a foot lifts, forwards or backwards.
+
+    Args: as of `least_foot_force`.
+    """
+    platform = robot_platform(robot, motor)
+    top = lift_off_speed(platform)
+    bracket = 0.1 * min(slip_speed(platform), top), (1.0 - 1e-9) * top
+
+    def least(omega_rad_s: float) -> float:
+        return min(least_foot_force(robot, motor, sense * omega_rad_s) for sense in (1.0, -1.0))
+
+    return root_scalar(least, bracket=bracket, method="brentq", xtol=_SPEED_TOLERANCE).root

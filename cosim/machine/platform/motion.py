@@ -21,6 +21,7 @@ from cosim.physics.stroke import Stroke, distance, next_stroke
 REPEAT_TOLERANCE = 1e-12
 # More strokes than a turn can hold: one in each direction.
 CYCLE_STROKES = 4
+_DIFFERENCE = 2e-5  # of α and s on either side
 
 
 class PlatformError(UserError):
@@ -145,14 +146,18 @@ def net_displacement(platform: Platform, omega_rad_s: float) -> float:
     Raises:
         PlatformError: see `net_speed`.
     """
-    s, alpha = slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
-    turn = 2.0 * math.pi
+    s = slip_ratio(platform, omega_rad_s)
+    return length_unit(platform) * _net_distance(math.atan(platform.mu), s)
+
+
+def _net_distance(alpha: float, s: float) -> float:
+    """Dimensionless distance per turn, once the motion repeats itself."""
     found: list[Stroke] = []
     for stroke in dimensionless_strokes(alpha, s):
         # A stroke that begins a turn after another closes the cycle of those between.
         for i, before in enumerate(found):
-            if abs(stroke.start - turn - before.start) < REPEAT_TOLERANCE:
-                return length_unit(platform) * sum(
+            if abs(stroke.start - 2.0 * math.pi - before.start) < REPEAT_TOLERANCE:
+                return sum(
                     distance(one.direction, alpha, s, one.start, one.stop) for one in found[i:]
                 )
         found = [*found[-CYCLE_STROKES:], stroke]
@@ -170,6 +175,28 @@ def net_speed(platform: Platform, omega_rad_s: float) -> float:
         PlatformError: the platform would leave the floor, or the motor stands still.
     """
     return net_displacement(platform, omega_rad_s) * omega_rad_s / (2.0 * math.pi)
+
+
+def sensitivities(platform: Platform, omega_rad_s: float) -> dict[str, float]:
+    """Relative derivatives d ln v / d ln p of `net_speed`, where it is not zero.
+
+    By `unbalance` (m r of all motors, at constant weight), `mu`, `mass` (of the platform) and
+    `omega`. The dimensionless distance depends on α and s alone: its derivatives are differences.
+
+    Raises:
+        PlatformError: see `net_speed`.
+    """
+    s, alpha, h = slip_ratio(platform, omega_rad_s), math.atan(platform.mu), _DIFFERENCE
+    total = 2.0 * h * _net_distance(alpha, s)
+    by_alpha = (_net_distance(alpha + h, s) - _net_distance(alpha - h, s)) / total
+    by_s = s * (_net_distance(alpha, s + h) - _net_distance(alpha, s - h)) / total
+    mu, mass = platform.mu, platform.mass
+    return {
+        "unbalance": 1.0 - by_s,
+        "mu": (mu * mu + by_s + mu * by_alpha) / (1.0 + mu * mu),
+        "mass": by_s * mass / (mass + platform.m) - 1.0,
+        "omega": 1.0 - 2.0 * by_s,
+    }
 
 
 def forces(

@@ -1,7 +1,8 @@
-"""Robots without feedback: their speeds, and paths by the clock alone."""
+"""Robots without feedback: speeds, what they depend on, and paths by the clock alone."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,12 @@ from cosim.calibration.measuring import AHEAD, AIRBORNE, TURNING, Point, measure
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
+from cosim.machine.platform.motion import (
+    drift_speed,
+    lift_off_speed,
+    robot_platform,
+    sensitivities,
+)
 from cosim.model.config import CoSimConfig
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.physics.body_state import PLANE, QUATERNION
@@ -18,6 +25,10 @@ _PHASE_S = 0.5  # in which motors come to their speed and to the phase between t
 _REST_S = 0.5  # in which robots come to rest
 # Three V of 1 cm legs and 20° to either side (assumed; what was published of them is not at hand).
 V_STEPS, V_LEG_M, V_HALF_RAD = 3, 0.01, math.radians(20.0)
+
+STEP = 0.05  # of central differences, relative
+# Of the robot, and the unbalance of its motors.
+PARAMETERS = ("mu", "m r", "mass_kg", "com_height_m", "foot_radius_m", "motor_radius_m")
 
 
 class Leg(NamedTuple):
@@ -65,6 +76,66 @@ def measured_speed(
     motion = e * table[:, AHEAD if manoeuvre in DRIVES else TURNING]
     shares = float(table[:, AIRBORNE].mean())
     return MeasuredSpeed(float(motion.mean()), float(motion.min()), float(motion.max()), shares)
+
+
+def _changed(config: CoSimConfig, parameter: str, factor: float) -> CoSimConfig:
+    """Return a configuration with a multiple of one of `PARAMETERS`."""
+    if parameter == "m r":
+        return replace(config, motor=config.motor._replace(r=factor * config.motor.r))
+    value = factor * getattr(config.robot, parameter)
+    return replace(config, robot=config.robot._replace(**{parameter: value}))
+
+
+def value_of(config: CoSimConfig, parameter: str) -> float:
+    """Value of one of `PARAMETERS`, in SI units."""
+    if parameter == "m r":
+        return config.motor.m * config.motor.r
+    return getattr(config.robot, parameter)
+
+
+def measured_sensitivities(
+    config: CoSimConfig, fmu: MotorFmu, omega_rad_s: float, phases: int
+) -> dict[str, float | None]:
+    """Derivatives d ln v / d ln p of the speed forwards, by central differences of 5 %.
+
+    Args:
+        config: of the machine.
+        fmu: of every motor.
+        omega_rad_s: of both motors.
+        phases: between them, see `measured_speed`; noise and phases are the same on both sides.
+
+    Returns:
+        By the names of `PARAMETERS`, and `motor speed`; None where the robot does not move
+        forwards.
+
+    Raises:
+        FmuError: the FMU failed.
+    """
+
+    def speed(changed: CoSimConfig, omega: float) -> float:
+        return measured_speed(changed, fmu, "forwards", omega, phases).mean
+
+    def slope(at: Callable[[float], float]) -> float | None:
+        high, low = at(1.0 + STEP), at(1.0 - STEP)
+        if min(high, low) <= 0.0:
+            return None
+        return math.log(high / low) / math.log((1.0 + STEP) / (1.0 - STEP))
+
+    found = {
+        name: slope(lambda factor, name=name: speed(_changed(config, name, factor), omega_rad_s))
+        for name in PARAMETERS
+    }
+    return found | {"motor speed": slope(lambda factor: speed(config, factor * omega_rad_s))}
+
+
+def closed_form(config: CoSimConfig, omega_rad_s: float) -> dict[str, float]:
+    """Return the 1-DOF platform's sensitivity, where it has the parameter and moves."""
+    platform = robot_platform(config.robot, config.motor)
+    if not drift_speed(platform) < omega_rad_s < lift_off_speed(platform):
+        return {}
+    found = sensitivities(platform, omega_rad_s)
+    names = {"unbalance": "m r", "mass": "mass_kg", "omega": "motor speed"}
+    return {names.get(name, name): slope for name, slope in found.items()}
 
 
 def polygon(sides: int, side_m: float) -> list[Leg]:

@@ -1,89 +1,44 @@
-"""The rows of docs/validation.md, simulated and published; `tables` has the text."""
+"""The rows and tables of docs/validation.md: simulated numbers next to published ones."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
-from cosim.machine.validation.driving import MeasuredSpeed, v_meant_m
+from cosim.base.table import Column, Columns, known, markdown
+from cosim.machine.validation.driving import PARAMETERS, MeasuredSpeed, v_meant_m, value_of
 from cosim.machine.validation.published import PublishedPath, PublishedSpeed, step_um
-from cosim.machine.validation.sensitivity import PARAMETERS, value_of
 from cosim.model.preset import find_preset
 
 # A parameter explains a difference if no more than this factor of it does, at first order.
 _MOST_FACTOR = 2.0
-
-
-class SpeedRow(msgspec.Struct, frozen=True, kw_only=True):
-    """A speed in mm/s or a yaw rate in °/s, over phases between the motors; None: not published."""
-
-    preset: str
-    manoeuvre: str
-    motor_speed_rad_s: float
-    unit: str
-    simulated: float
-    least: float
-    largest: float
-    airborne_share: float
-    published: float | None
-    ratio: float | None
-    step_um: float | None
-    published_step_um: float | None
-    certainty: str
-    source: str
-
-
-class ReversalRow(msgspec.Struct, frozen=True, kw_only=True):
-    """Speed backwards over that forwards at one motor speed; the published one is of two speeds."""
-
-    preset: str
-    motor_speed_rad_s: float
-    simulated: float
-    published: float | None
-    ratio: float | None
-    source: str
-
-
-class SensitivityRow(msgspec.Struct, frozen=True, kw_only=True):
-    """A derivative d ln v / d ln p; `explains` is the p of the published speed, at first order."""
-
-    preset: str
-    motor_speed_rad_s: float
-    parameter: str
-    value: float
-    dynamics: float | None
-    platform: float | None
-    explains: float | None
-
-
-class PathRow(msgspec.Struct, frozen=True, kw_only=True):
-    """Ends of a path driven by the clock: distance and angle off where it should have ended."""
-
-    path: str
-    dithered: bool
-    robots: int
-    off_mm: float
-    off_largest_mm: float
-    sideways_mm: float
-    turned_deg: float
-    turned_scatter_deg: float
-    published_mm: tuple[float, ...]
-    ratio: float | None
-    published_deg: float | None
-    source: str
+Row = dict[str, Any]  # with the columns' names and units; None where nothing is published
 
 
 class ValidationReport(msgspec.Struct, frozen=True, kw_only=True):
-    """The content of validation.json."""
+    """The content of validation.json.
+
+    Attributes:
+        phases: between the motors, of each speed.
+        seed: of noise and phases on the paths.
+        speeds: in mm/s, or °/s, over phases between the motors.
+        reversals: speed backwards over that forwards at one motor speed; the published one is of
+            two speeds.
+        sensitivities: derivatives d ln v / d ln p; `explains` is the p of the published speed, at
+            first order.
+        paths: ends of a path driven by the clock: distance and angle off where it should have
+            ended.
+    """
 
     schema_version: int = 1
     phases: int
     seed: int
-    speeds: tuple[SpeedRow, ...]
-    reversals: tuple[ReversalRow, ...]
-    sensitivities: tuple[SensitivityRow, ...]
-    paths: tuple[PathRow, ...]
+    speeds: tuple[Row, ...]
+    reversals: tuple[Row, ...]
+    sensitivities: tuple[Row, ...]
+    paths: tuple[Row, ...]
 
 
 def report_of(
@@ -100,8 +55,7 @@ def report_of(
         slopes: where; d ln v / d ln p by the parameter, simulated and in closed form.
         paths: published, None for the V-shaped steps; whether motors had the steering's dither;
             and of each robot displacement in m and turned angle in rad, over what was intended.
-        phases: between the motors, of each speed.
-        seed: of noise and phases on the paths.
+        phases, seed: see `ValidationReport`.
     """
     rows, measured = tuple(_speed_row(*pair) for pair in speeds), dict(speeds)
     return ValidationReport(
@@ -118,45 +72,49 @@ def report_of(
     )
 
 
-def _speed_row(point: PublishedSpeed, measured: MeasuredSpeed) -> SpeedRow:
+def _speed_row(point: PublishedSpeed, measured: MeasuredSpeed) -> Row:
     turning = point.manoeuvre == "left"
     factor = math.degrees(1.0) if turning else 1e3
-    simulated, omega = factor * measured.mean, point.omega_rad_s
-    return SpeedRow(
-        preset=point.preset,
-        manoeuvre=point.manoeuvre,
-        motor_speed_rad_s=omega,
-        unit="°/s" if turning else "mm/s",
-        simulated=simulated,
-        least=factor * measured.least,
-        largest=factor * measured.largest,
-        airborne_share=measured.airborne_share,
-        published=point.value,
-        ratio=None if point.value is None else simulated / point.value,
-        step_um=None if turning else step_um(simulated, omega),
-        published_step_um=None if turning or point.value is None else step_um(point.value, omega),
-        certainty=point.certainty,
-        source=point.source,
-    )
+    simulated, omega, published = factor * measured.mean, point.omega_rad_s, point.value
+    return {
+        "preset": point.preset,
+        "manoeuvre": point.manoeuvre,
+        "motor_speed_rad_s": omega,
+        "unit": "°/s" if turning else "mm/s",
+        "simulated": simulated,
+        "least": factor * measured.least,
+        "largest": factor * measured.largest,
+        "airborne_share": measured.airborne_share,
+        "published": published,
+        "ratio": _ratio(simulated, published),
+        "step_um": None if turning else step_um(simulated, omega),
+        "published_step_um": None if turning or not published else step_um(published, omega),
+        "certainty": point.certainty,
+        "source": point.source,
+    }
 
 
-def _reversals(speeds: Sequence[SpeedRow]) -> Iterator[ReversalRow]:
+def _ratio(simulated: float, published: float | None) -> float | None:
+    return None if published is None else simulated / published
+
+
+def _reversals(speeds: Sequence[Row]) -> Iterator[Row]:
     """Of every machine and motor speed with both directions."""
-    rows = {(row.preset, row.motor_speed_rad_s, row.manoeuvre): row for row in speeds}
+    rows = {(row["preset"], row["motor_speed_rad_s"], row["manoeuvre"]): row for row in speeds}
     for (preset, omega, manoeuvre), back in rows.items():
         ahead = rows.get((preset, omega, "forwards"))
         if manoeuvre == "backwards" and ahead is not None:
-            simulated, published = back.simulated / ahead.simulated, None
-            if back.published is not None and ahead.published is not None:
-                published = back.published / ahead.published
-            yield ReversalRow(
-                preset=preset,
-                motor_speed_rad_s=omega,
-                simulated=simulated,
-                published=published,
-                ratio=None if published is None else simulated / published,
-                source=back.source,
-            )
+            simulated, published = back["simulated"] / ahead["simulated"], None
+            if back["published"] is not None and ahead["published"] is not None:
+                published = back["published"] / ahead["published"]
+            yield {
+                "preset": preset,
+                "motor_speed_rad_s": omega,
+                "simulated": simulated,
+                "published": published,
+                "ratio": _ratio(simulated, published),
+                "source": back["source"],
+            }
 
 
 def _sensitivity_rows(
@@ -164,30 +122,26 @@ def _sensitivity_rows(
     speed_m_s: float,
     dynamics: Mapping[str, float | None],
     platform: Mapping[str, float],
-) -> list[SensitivityRow]:
+) -> Iterator[Row]:
     config = find_preset(point.preset).config()
     assert point.value is not None
     wanted = math.log(1e-3 * point.value / speed_m_s) if speed_m_s > 0.0 else math.nan
-    rows = []
     for name, slope in dynamics.items():
         value = value_of(config, name) if name in PARAMETERS else point.omega_rad_s
         change = wanted / slope if slope else math.nan
         explains = abs(change) <= math.log(_MOST_FACTOR)
-        rows.append(
-            SensitivityRow(
-                preset=point.preset,
-                motor_speed_rad_s=point.omega_rad_s,
-                parameter=name,
-                value=value,
-                dynamics=slope,
-                platform=platform.get(name),
-                explains=value * math.exp(change) if explains else None,
-            )
-        )
-    return rows
+        yield {
+            "preset": point.preset,
+            "motor_speed_rad_s": point.omega_rad_s,
+            "parameter": name,
+            "value": value,
+            "dynamics": slope,
+            "platform": platform.get(name),
+            "explains": value * math.exp(change) if explains else None,
+        }
 
 
-def _path_row(path: PublishedPath | None, dithered: bool, driven: list[list[float]]) -> PathRow:
+def _path_row(path: PublishedPath | None, dithered: bool, driven: list[list[float]]) -> Row:
     ends = np.array(driven)
     off_mm = 1e3 * np.hypot(ends[:, 0], ends[:, 1])
     turned = np.degrees(ends[:, 2])
@@ -195,17 +149,117 @@ def _path_row(path: PublishedPath | None, dithered: bool, driven: list[list[floa
         name = f"V-shaped steps, {1e3 * v_meant_m():.1f} mm to the left"
     else:
         name = f"{'triangle' if path.sides == 3 else 'square'} of {path.side_mm / 10.0:g} cm"
-    return PathRow(
-        path=name,
-        dithered=dithered,
-        robots=len(ends),
-        off_mm=float(off_mm.mean()),
-        off_largest_mm=float(off_mm.max()),
-        sideways_mm=float(1e3 * ends[:, 1].mean()),
-        turned_deg=float(turned.mean()),
-        turned_scatter_deg=float(turned.std()),
-        published_mm=() if path is None else path.off_mm,
-        ratio=None if path is None else float(off_mm.mean() / np.mean(path.off_mm)),
-        published_deg=None if path is None else path.turned_deg,
-        source="not at hand" if path is None else path.source,
-    )
+    return {
+        "path": name,
+        "dithered": dithered,
+        "robots": len(ends),
+        "off_mm": float(off_mm.mean()),
+        "off_largest_mm": float(off_mm.max()),
+        "sideways_mm": float(1e3 * ends[:, 1].mean()),
+        "turned_deg": float(turned.mean()),
+        "turned_scatter_deg": float(turned.std()),
+        "published_mm": path.off_mm if path else (),
+        "ratio": float(off_mm.mean() / np.mean(path.off_mm)) if path else None,
+        "published_deg": path.turned_deg if path else None,
+        "source": path.source if path else "not at hand",
+    }
+
+
+def _field(name: str, form: str = "{}", heading: str | None = None) -> Column:
+    return Column(heading or name.replace("_", " "), lambda row: known(row[name], form))
+
+
+def _source(by: str, certainty: Callable[[Row], str]) -> Column:
+    """Who published what is in the column `by`, and how certain it is."""
+
+    def text(row: Row) -> str:
+        who = row["source"].partition(",")[0]
+        return f"{who}, {certainty(row)}" if row[by] not in {None, ()} else "–"
+
+    return Column("source", text)
+
+
+_PRESET, _OMEGA = _field("preset"), _field("motor_speed_rad_s", "{:.0f}", "rad/s")
+_PUBLISHED, _RATIO = _field("published", "{:g}"), _field("ratio", "{:.2f}")
+_RANGE = "{simulated:.2f} ({least:.2f} to {largest:.2f}) {unit}"
+_TABLES: dict[str, tuple[str, Columns]] = {
+    "Speeds": (
+        "speeds",
+        (
+            _PRESET,
+            _field("manoeuvre"),
+            _OMEGA,
+            Column("simulated (range over phases)", lambda row: _RANGE.format(**row)),
+            _field("airborne_share", "{:.0%}", "in the air"),
+            _PUBLISHED,
+            _RATIO,
+            _field("step_um", "{:.1f} µm", "step, simulated"),
+            _field("published_step_um", "{:.1f} µm (derived)", "published"),
+            _source("published", lambda row: row["certainty"]),
+        ),
+    ),
+    "Backwards": (
+        "reversals",
+        (
+            _PRESET,
+            _OMEGA,
+            _field("simulated", "{:.2f}", "backwards over forwards, simulated"),
+            _field("published", "{:.2f}"),
+            _RATIO,
+            _source("published", lambda _: "derived"),
+        ),
+    ),
+    "What a speed depends on": (
+        "sensitivities",
+        (
+            _PRESET,
+            _OMEGA,
+            _field("parameter"),
+            _field("value", "{:.3g}"),
+            _field("dynamics", "{:+.2f}"),
+            _field("platform", "{:+.2f}"),
+            _field("explains", "{:.3g}"),
+        ),
+    ),
+    "Paths by the clock": (
+        "paths",
+        (
+            _field("path"),
+            Column("dither", lambda row: "on" if row["dithered"] else "off"),
+            _field("off_mm", "{:.1f} mm", "off, simulated"),
+            _field("off_largest_mm", "{:.1f} mm", "largest"),
+            _field("sideways_mm", "{:+.1f} mm", "to the left"),
+            Column(
+                "turned, simulated",
+                lambda row: "{turned_deg:+.1f} ± {turned_scatter_deg:.1f}°".format(**row),
+            ),
+            Column(
+                "off, published",
+                lambda row: " and ".join(f"{off:g} mm" for off in row["published_mm"]) or "–",
+            ),
+            _RATIO,
+            _field("published_deg", "{:g}°", "turned"),
+            _source("published_mm", lambda _: "seen"),
+        ),
+    ),
+}
+
+
+class TitledTable(NamedTuple):
+    """A table of a report: its title, columns and rows."""
+
+    title: str
+    columns: Columns
+    rows: tuple[Row, ...]
+
+
+def tables(report: ValidationReport) -> list[TitledTable]:
+    """Return all tables."""
+    return [TitledTable(title, c, getattr(report, rows)) for title, (rows, c) in _TABLES.items()]
+
+
+def text_of(report: ValidationReport) -> str:
+    """Return the tables as Markdown, with the sources of their numbers."""
+    parts = [f"## {t.title}\n\n{markdown(t.columns, t.rows)}" for t in tables(report)]
+    sources = dict.fromkeys(f"- {row['source']}" for row in (*report.speeds, *report.paths))
+    return "\n\n".join([*parts, "\n".join(sources)])

@@ -25,7 +25,9 @@ from cosim.machine.validation.driving import (
     V_STEPS,
     Leg,
     MeasuredSpeed,
+    closed_form,
     drive_by_the_clock,
+    measured_sensitivities,
     measured_speed,
     polygon,
     sideways,
@@ -33,7 +35,6 @@ from cosim.machine.validation.driving import (
 )
 from cosim.machine.validation.published import PATHS, SPEEDS, PublishedPath, PublishedSpeed
 from cosim.machine.validation.report import ValidationReport, report_of
-from cosim.machine.validation.sensitivity import closed_form, sensitivities
 from cosim.model.config import CoSimConfig
 from cosim.model.preset import PAPER, PresetError, find_preset
 from fmus.build import identity_of_fmu
@@ -101,7 +102,7 @@ class Measurement:
             ends = drive_by_the_clock(self.config, fmu, legs, self.count, self.seed, **kind)
             return (ends - meant).tolist()
         if self.what == "slopes":
-            return sensitivities(self.config, fmu, of.omega_rad_s, self.count)
+            return measured_sensitivities(self.config, fmu, of.omega_rad_s, self.count)
         found = measured_speed(self.config, fmu, of.manoeuvre, of.omega_rad_s, self.count)
         return msgspec.to_builtins(found)
 

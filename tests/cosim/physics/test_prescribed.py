@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.machine.platform import motion as platform
-from cosim.machine.platform.feet import least_foot_force
+from cosim.machine.platform.design import least_foot_force
 from cosim.model.params import (
     TABLE_I,
     TABLE_II,

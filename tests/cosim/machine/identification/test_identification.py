@@ -7,12 +7,20 @@ import math
 import numpy as np
 import pytest
 
-from cosim.machine.identification.excitation import HOLD_S, SEQUENCE, write_excitation
 from cosim.machine.identification.fit import Fit, unidentifiable
 from cosim.machine.identification.motion import Machine, tracks
 from cosim.machine.identification.noise import Noise, deviance, likeliest_noise, residuals
 from cosim.machine.identification.parameters import NAMES, SPREADS, usual_values
-from cosim.machine.identification.track import COLUMNS, SeenTrack, TrackError, read_track
+from cosim.machine.identification.track import (
+    COLUMNS,
+    HOLD_S,
+    SEQUENCE,
+    UNITS,
+    SeenTrack,
+    TrackError,
+    read_track,
+    write_excitation,
+)
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II
 from cosim.model.preset import find_preset
@@ -143,6 +151,14 @@ def replaced(column, row, value):
         (replaced(3, 30, "2.5"), "line 31: the heading jumps"),
         (replaced(5, 3, "60000"), "line 4: a motor speed beyond"),
         (lambda lines: [line.replace("900.0", "0") for line in lines], "drive the robot"),
+        (lambda lines: [f"{line},x" for line in lines], "line 1 has two columns x; remove"),
+        (lambda lines: [f"{line},X [m]" for line in lines], "line 1 has two columns x; remove"),
+        (replaced(5, 7, "900.0,1"), "line 8: 7 cells for 6 columns; .* decimal points"),
+        (replaced(0, 0, "time [ms]"), "line 1: time is in ms; give it in s"),
+        (
+            lambda lines: [line.replace(",", ";").replace(".", ",") for line in lines],
+            "line 2: time: '0,0' is not a number; write a decimal point",
+        ),
     ],
 )
 def test_what_is_no_track_is_refused_with_its_line(tmp_path, change, says):
@@ -151,6 +167,51 @@ def test_what_is_no_track_is_refused_with_its_line(tmp_path, change, says):
     path.write_text("\n".join(change(path.read_text().splitlines())))
     with pytest.raises(TrackError, match=says):
         read_track(path)
+
+
+@pytest.mark.parametrize("separator", [",", ", ", ";", "\t"])
+@pytest.mark.parametrize("header", [COLUMNS, [f" {n.upper()} [{u}]" for n, u in UNITS.items()]])
+def test_usual_forms_of_a_table_are_read_alike(tmp_path, header, separator):
+    path = tmp_path / "track.csv"
+    write_track(path, GOOD)
+    rows = [header, *(line.split(",") for line in path.read_text().splitlines()[1:])]
+    path.write_text("\n".join(separator.join(row) for row in rows))
+    for read, written in zip(read_track(path), GOOD, strict=True):
+        np.testing.assert_array_equal(read, written)
+
+
+def driven(heading_rad):
+    """A robot that drives and turns as it is told."""
+    times = np.arange(600) / 30.0
+    commands = np.array(SEQUENCE)[(times / 2.0).astype(int)]
+    turned = np.cumsum(commands.sum(axis=1)) * 1e-5
+    ahead = np.cumsum(np.diff(commands, axis=1)[:, 0] * 3e-8 * np.exp(1j * (turned + heading_rad)))
+    return SeenTrack(
+        times, np.column_stack([np.real(ahead), np.imag(ahead), turned + heading_rad]), commands
+    )
+
+
+@pytest.mark.parametrize("heading_rad", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize(
+    ("poses", "commands", "says"),
+    [
+        ((1, 1, 1), (1, 1), None),
+        ((1, -1, -1), (1, 1), "rad clockwise .* sign of heading, and of y if it points down"),
+        ((1, 1, 1), (-1, -1), "rad clockwise .* sign of omega_1 and omega_2"),
+        ((-1, -1, 1), (1, 1), "drives 180° off its heading; exchange omega_1 and omega_2"),
+    ],
+)
+def test_signs_that_no_robot_can_have_are_refused(tmp_path, heading_rad, poses, commands, says):
+    track = driven(heading_rad)
+    write_track(
+        tmp_path / "track.csv",
+        track._replace(poses=track.poses * poses, commands=track.commands * commands),
+    )
+    if says is None:
+        read_track(tmp_path / "track.csv")
+        return
+    with pytest.raises(TrackError, match=says):
+        read_track(tmp_path / "track.csv")
 
 
 def test_a_robot_that_leaves_the_board_is_refused(tmp_path):
@@ -181,7 +242,6 @@ def test_a_robot_is_identified_from_its_track(tmp_path, command):
     assert preset.motor.J == 3e-9
     assert preset.sources["J"] == "given by motor_parameters"
     assert preset.config().world.camera.rate_hz == 30.0
-    page = (out / "report.html").read_text()
-    assert "<svg" in page
-    assert "com_x_m" in page
+    assert "| com_x_m | centre of mass before the axis | " in (out / "report.md").read_text()
+    assert "<svg" in (out / "tracks.svg").read_text()
     assert json.loads((out / "identification.json").read_text()) == said

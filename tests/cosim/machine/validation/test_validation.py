@@ -11,17 +11,17 @@ from cosim.coupling.fmu import MotorFmu
 from cosim.machine.platform.motion import net_speed, robot_platform
 from cosim.machine.validation import validate as measurement
 from cosim.machine.validation.driving import (
+    PARAMETERS,
     Leg,
     MeasuredSpeed,
+    closed_form,
     drive_by_the_clock,
     measured_speed,
     polygon,
     sideways,
 )
 from cosim.machine.validation.published import PATHS, SPEEDS, PublishedPath, step_um
-from cosim.machine.validation.report import ValidationReport, report_of
-from cosim.machine.validation.sensitivity import PARAMETERS, closed_form
-from cosim.machine.validation.tables import text_of
+from cosim.machine.validation.report import ValidationReport, report_of, text_of
 from cosim.machine.validation.validate import QUICK, validate
 from cosim.model.config import CoSimConfig
 
@@ -90,19 +90,23 @@ def made_up() -> ValidationReport:
 def test_tables_compare_and_explain(made_up):
     report = made_up
     speed = report.speeds[0]
-    assert (speed.simulated, speed.published, speed.ratio) == (1.0, 0.5, 2.0)
+    assert (speed["simulated"], speed["published"], speed["ratio"]) == (1.0, 0.5, 2.0)
     assert (
-        speed.published_step_um == pytest.approx(step_um(0.5, 1050.0)) == pytest.approx(2.992, 1e-3)
+        speed["published_step_um"]
+        == pytest.approx(step_um(0.5, 1050.0))
+        == pytest.approx(2.992, 1e-3)
     )
-    rows = {row.parameter: row for row in report.sensitivities[: len(PARAMETERS) + 1]}
-    assert rows["mu"].explains == pytest.approx(0.8)  # twice the friction: half the speed
-    assert rows["foot_radius_m"].explains == pytest.approx(rows["foot_radius_m"].value / 2**0.5)
-    assert rows["mass_kg"].explains is None  # four times as much
-    assert rows["mu"].platform == -3.0
-    by_speed = {(row.preset, row.motor_speed_rad_s): row for row in report.reversals}
-    assert by_speed["thesis", 1800.0].published == pytest.approx(2.8 / 3.9)
-    assert by_speed["icra2006", 1200.0].published is None
-    assert report.paths[0].off_mm == pytest.approx(5.0)
+    rows = {row["parameter"]: row for row in report.sensitivities[: len(PARAMETERS) + 1]}
+    assert rows["mu"]["explains"] == pytest.approx(0.8)  # twice the friction: half the speed
+    assert rows["foot_radius_m"]["explains"] == pytest.approx(
+        rows["foot_radius_m"]["value"] / 2**0.5
+    )
+    assert rows["mass_kg"]["explains"] is None  # four times as much
+    assert rows["mu"]["platform"] == -3.0
+    by_speed = {(row["preset"], row["motor_speed_rad_s"]): row for row in report.reversals}
+    assert by_speed["thesis", 1800.0]["published"] == pytest.approx(2.8 / 3.9)
+    assert by_speed["icra2006", 1200.0]["published"] is None
+    assert report.paths[0]["off_mm"] == pytest.approx(5.0)
     text = text_of(report)
     assert "| icra2006 | forwards | 1050 | 1.00 (0.00 to 1000.00) mm/s | 50% | 0.5 | 2.00 |" in text
     assert all(f"- {point.source}" in text for point in (*SPEEDS, *PATHS))
