@@ -178,7 +178,9 @@ class Policy(GreedyPolicy):
     def maps(self) -> list[PolicyMap]:
         """Return maps of each robot's table over the cells of the board, for pictures."""
         tables = zip(self.values, self.visits, strict=True)
-        return [cell_map(self.process, values, visits) for values, visits in tables]
+        maps = [cell_map(self.process, values, visits) for values, visits in tables]
+        unit = {"shortest": "cells", "fastest": "s"}.get(self.config.objective or "", "1")
+        return [cells._replace(unit=unit) for cells in maps]
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Tables, visits and generator state."""

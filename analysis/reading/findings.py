@@ -1,4 +1,4 @@
-"""Findings in an episode: saturation, slipping, lift-offs, near misses, moves given up.
+"""Findings in an episode: how it ended, collisions, moves given up, saturation, slipping and more.
 
 Works on what a recording holds (`cosim.recording.reader`); a finding is left out if a
 recording lacks its signals. Nothing is printed here.
@@ -15,6 +15,10 @@ from cosim.recording.reader import Episode
 from cosim.recording.rrd import Signal
 from cosim.recording.series import IN_ZONE, NOT_ARRIVED, OFF_THE_BOARD, ON_OBSTACLE, ON_TARGET
 
+# Robots at most this far apart (over the distance at contact) touch each other if both touch.
+REACH = 1.02
+# A motor from rest has its full voltage for 40 ms; one that takes longer than this lacks voltage.
+LONG_SATURATION_S = 0.5
 # Eq. (9) calls robots near up to 6 cm for robots of 5 cm: a fifth of a diameter between them.
 NEAR_DIAMETERS = 1.2
 # A friction force is at its limit µN within this share of it; sticking feet stay below.
@@ -30,7 +34,7 @@ _FAILURES = {
 
 
 class Finding(msgspec.Struct, frozen=True):
-    """One thing that looks wrong.
+    """One thing that stands out in an episode.
 
     Attributes:
         kind: such as "near miss".
@@ -38,6 +42,8 @@ class Finding(msgspec.Struct, frozen=True):
         text: as text.
         time_s: when to look at the recording; None if it is about all of it.
         numbers: what the text says, for programs.
+        wrong: whether it looks wrong; robots that reach their targets also slide, lift their feet,
+            start with full voltage and pass each other.
     """
 
     kind: str
@@ -45,11 +51,12 @@ class Finding(msgspec.Struct, frozen=True):
     text: str
     time_s: float | None
     numbers: dict[str, Any]
+    wrong: bool = True
 
 
 def find(episode: Episode) -> list[Finding]:
-    """All findings of an episode, by kind and time."""
-    found: list[Finding] = []
+    """All findings of an episode: how it ended unless well, then by robot and pair."""
+    found = [*_ending(episode)]
     for robot in episode.robots:
         found += _saturation(episode, robot)
         found += _slipping(episode, robot)
@@ -59,6 +66,17 @@ def find(episode: Episode) -> list[Finding]:
     for pair in combinations(episode.robots, 2):
         found += _near_misses(episode, *pair)
     return found
+
+
+def _ending(episode: Episode) -> Iterator[Finding]:
+    at = f"at {episode.time_s:.2f} s"
+    if not episode.complete or not episode.outcome:
+        why = "the episode was stopped" if episode.complete else "it was cut or its writer stopped"
+        text = f"{why}: signals end {at}, some perhaps before"
+        yield Finding("incomplete", "recording", text, episode.time_s, {})
+    if episode.outcome not in ("", "success"):
+        text = f"the episode ends {at}: {episode.outcome}"
+        yield Finding("no success", "episode", text, episode.time_s, {})
 
 
 def intervals(mask: np.ndarray) -> np.ndarray:
@@ -78,12 +96,15 @@ def _saturation(episode: Episode, robot: str) -> Iterator[Finding]:
         if share > 0.0:
             first_s = float(voltage.time_s[np.argmax(column)])
             text = f"voltage at its limit of {limit:g} V in {share:.1%} of the samples"
-            numbers = {"share": share, "limit_v": limit}
-            yield Finding("voltage saturation", f"{robot} {motor}", text, first_s, numbers)
+            ends_s = voltage.time_s[intervals(column)]
+            longest_s = float((ends_s[:, 1] - ends_s[:, 0]).max())
+            numbers = {"share": share, "limit_v": limit, "longest_s": longest_s}
+            where, wrong = f"{robot} {motor}", longest_s > LONG_SATURATION_S
+            yield Finding("voltage saturation", where, text, first_s, numbers, wrong)
 
 
 def _slipping(episode: Episode, robot: str) -> Iterator[Finding]:
-    """Slipping is how these robots move; all feet at once for long is not."""
+    """Return the share of time in which feet slide, which is how these robots move."""
     state = episode.signals.get(f"/sim/{robot}/contact/slipping_share")
     if state is not None:
         share, source = float(state.values.mean()), "of the time of the feet"
@@ -94,8 +115,8 @@ def _slipping(episode: Episode, robot: str) -> Iterator[Finding]:
             return
         share = float(sliding(friction, normal, episode.parameter("mu")).mean())
         source = "of the feet's ticks in the raw bursts"
-    numbers = {"share": share}
-    yield Finding("slipping", robot, f"feet slide in {share:.1%} {source}", None, numbers)
+    text, numbers = f"feet slide in {share:.1%} {source}", {"share": share}
+    yield Finding("slipping", robot, text, None, numbers, wrong=False)
 
 
 def sliding(friction: Signal, normal: Signal, mu: float) -> np.ndarray:
@@ -114,7 +135,8 @@ def _lift_offs(episode: Episode, robot: str) -> Iterator[Finding]:
     longest = max(runs, key=lambda run: lifted.values[run[0] : run[1] + 1].sum())
     numbers = {"count": len(runs), "total_s": total_s}
     text = f"{len(runs)} times a foot left the floor, for {total_s:.3f} s in all; longest here"
-    yield Finding("lift-off", robot, text, float(lifted.time_s[longest[0]]), numbers)
+    at_s = float(lifted.time_s[longest[0]])
+    yield Finding("lift-off", robot, text, at_s, numbers, wrong=False)
 
 
 def _given_up(episode: Episode, robot: str) -> Iterator[Finding]:
@@ -137,7 +159,7 @@ def _failures(episode: Episode, robot: str) -> Iterator[Finding]:
         numbers = {"x_m": float(x), "y_m": float(y)}
         text = f"{state} at ({100.0 * x:.2f}, {100.0 * y:.2f}) cm"
         if state == NOT_ARRIVED:
-            target = episode.facts["targets_m"][episode.robots.index(robot)]
+            target = episode.facts["targets_m"][int(robot.removeprefix("r")) - 1]
             numbers["target_away_m"] = float(np.hypot(target[0] - x, target[1] - y))
             text = f"{state}: target {100.0 * numbers['target_away_m']:.1f} cm away"
         yield Finding(_FAILURES[state], robot, text, float(time_s), numbers)
@@ -155,15 +177,13 @@ def _near_misses(episode: Episode, first: str, second: str) -> Iterator[Finding]
     if any(f"/sim/{robot}/position" not in episode.signals for robot in (first, second)):
         return
     time_s, gap = gap_m(episode, first, second)
-    limit = (NEAR_DIAMETERS - 1.0) * episode.parameter("diameter_m")
-    runs = intervals(gap <= limit)
-    told = [t for name in episode.robots if (t := episode.texts.get(f"/rl/{name}/failure"))]
-    collided = episode.outcome == "collision" and not any(
-        {ON_TARGET, IN_ZONE} & {*t.texts} for t in told
-    )
-    for number, (begin, end) in enumerate(runs):
+    diameter_m = episode.parameter("diameter_m")
+    limit = (NEAR_DIAMETERS - 1.0) * diameter_m
+    touching = gap <= (REACH - 1.0) * diameter_m
+    for robot in (first, second):
+        touching &= _touches(episode, robot, time_s)
+    for begin, end in intervals(gap <= limit):
         closest = begin + int(np.argmin(gap[begin : end + 1]))
-        touched = gap[closest] <= 0.0 or (collided and number == len(runs) - 1)
         numbers = {
             "gap_m": float(gap[closest]),
             "from_s": float(time_s[begin]),
@@ -173,5 +193,15 @@ def _near_misses(episode: Episode, first: str, second: str) -> Iterator[Finding]
             f"gap down to {1e3 * max(float(gap[closest]), 0.0):.1f} mm, below "
             f"{1e3 * limit:.0f} mm from {time_s[begin]:.2f} to {time_s[end]:.2f} s"
         )
-        kind = "collision" if touched else "near miss"
-        yield Finding(kind, f"{first} and {second}", text, float(time_s[closest]), numbers)
+        touched = bool(touching[begin : end + 1].any())
+        kind, where = "collision" if touched else "near miss", f"{first} and {second}"
+        yield Finding(kind, where, text, float(time_s[closest]), numbers, touched)
+
+
+def _touches(episode: Episode, robot: str, time_s: np.ndarray) -> np.ndarray:
+    """Return whether a robot touches anything at each time, (n,) bool, by its recorded contacts."""
+    touching = episode.signals.get(f"/sim/{robot}/contact/touching_share")
+    if touching is None or not len(touching.time_s):
+        return np.zeros(len(time_s), dtype=bool)
+    rows = np.searchsorted(touching.time_s, time_s - 1e-9).clip(max=len(touching.time_s) - 1)
+    return touching.values[rows] > 0.0

@@ -58,7 +58,7 @@ class Inspection(msgspec.Struct, frozen=True):
         parameters: value, unit, description and source of each, by name.
         robots: by name.
         signals: a row per component.
-        findings: what looks wrong.
+        findings: what stands out, and whether it looks wrong.
         schema_version: of this record.
     """
 

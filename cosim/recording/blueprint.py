@@ -11,6 +11,8 @@ import rerun.blueprint as rrb
 
 _ALWAYS = rrb.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
 _WHOLE_TIME = rrb.TimeAxis(view_range=_ALWAYS)
+_UNTIL_CURSOR = rr.TimeRangeBoundary.cursor_relative(seconds=0.0)
+_TRAIL_S = 600.0  # shown of a trail, of which each row has a piece
 # A burst is short: show what lies around the time cursor.
 _AROUND_CURSOR = rrb.TimeAxis(
     view_range=rrb.TimeRange(
@@ -194,10 +196,21 @@ def _arena(
     if policy_of is not None:
         hidden += [f"- /world/{name}/{part}/**" for name in names for part in ("robot", "plan")]
         eye, up = (0.5 * width, 0.5 * height, 1.6 * max(size_m)), (0.0, 1.0, 0.0)
+    shown = {
+        f"/world/{name}/{path}": rrb.VisibleTimeRanges(
+            timeline="sim_time", start=start, end=_UNTIL_CURSOR
+        )
+        for path, start in (
+            ("trail", rr.TimeRangeBoundary.cursor_relative(seconds=-_TRAIL_S)),
+            ("visited", rr.TimeRangeBoundary.infinite()),
+        )
+        for name in names
+    }
     return rrb.Spatial3DView(
         origin="/world",
         contents=["+ /world/**", *hidden],
         name=title,
+        overrides=shown,
         eye_controls=rrb.EyeControls3D(
             position=eye,
             eye_up=up,

@@ -7,7 +7,7 @@ chunks are written, stored and read several times faster than many short ones, a
 index of all of them in memory.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
@@ -106,7 +106,8 @@ class EpisodeRecorder:
         self._scenario, self._config, self._detail = scenario, config, DETAILS[level]
         camera = config.world.camera.rate_hz > 0.0
         loop = self._detail.loop_s is not None
-        self._signals = signals_of(count > 1 and self._all_sampled, camera=camera, loop=loop)
+        self._distances = count > 1 and self._all_sampled
+        self._signals = signals_of(self._distances, camera=camera, loop=loop)
         self._return = np.zeros(count)
         self._modes = np.full(count, -1.0)
         self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
@@ -154,16 +155,16 @@ class EpisodeRecorder:
             known["signals"] = [robot + 1 for robot in self._sampled]
         file.properties("episode", facts | known)
         file.properties("parameters", self._config.table())
-        config, signals = self._config, tuple(self._signals)
-        patches = config.world.mu_patches
-        file.send(_unchanging(scenario, config.robot, patches, signals, self._sampled))
-        file.columns(OUTCOME, simulated(np.zeros(1)), rr.StateChange.columns(state=[STILL_RUNNING]))
+        robot, patches = self._config.robot, self._config.world.mu_patches
+        q_unit, signals = policies[0].unit if policies else "1", tuple(self._signals)
+        file.send(_unchanging(scenario, robot, patches, signals, self._sampled, q_unit))
+        file.states(OUTCOME, simulated(np.zeros(1)), [STILL_RUNNING])
         self._write_label(0.0, STILL_RUNNING)
         for name, policy in zip(self._names, policies, strict=False):
             write_floor(file, name, scenario, policy)
         write_run_page(file, facts, self._config)
         self._scenes = [
-            EpisodeScene(file, name, robot, scenario, self._config, self._detail)
+            EpisodeScene(file, name, robot, scenario.cell_m, self._config, self._detail)
             for robot, name in enumerate(self._names)
         ]
         file.flush()  # what is left of a killed process says at least what was run
@@ -180,27 +181,20 @@ class EpisodeRecorder:
 
     def _close(self) -> None:
         """Complete the file, also after an error, which it then ends with."""
-        if not hasattr(self, "_file"):
-            return
+        if hasattr(self, "_file"):
+            self._attempt(self._file.close)
+
+    def _later(self, work: Callable[[], None]) -> Future[None]:
+        """Have something done in the thread, in turn; nothing more after an error."""
+        return self._thread.submit(lambda: self._error or self._attempt(work))
+
+    def _attempt(self, work: Callable[[], None]) -> None:
         try:
-            self._file.close()
+            work()
         except BaseException as error:
             self._error = self._error or error
 
-    def _later(self, work: Callable[..., None], *arguments: Any) -> Future[None]:
-        """Have something done in the thread, in turn; nothing more after an error."""
-
-        def attempt() -> None:
-            if self._error is not None:
-                return
-            try:
-                work(*arguments)
-            except BaseException as error:
-                self._error = error
-
-        return self._thread.submit(attempt)
-
-    def set_property(self, name: str, values: Mapping[str, Any]) -> None:
+    def set_property(self, name: str, values: dict[str, Any]) -> None:
         """Write a property of the recording."""
         self._later(lambda: self._file.properties(name, values))
 
@@ -240,8 +234,8 @@ class EpisodeRecorder:
     def _hand_over(self) -> None:
         """Have the stretch written once the one before it is: no more than two are in memory."""
         self._waiting.result()
-        self._waiting = self._later(self._write_stretch, self._stretch)
-        self._stretch, self._stretch_s = [], 0.0
+        stretch, self._stretch, self._stretch_s = self._stretch, [], 0.0
+        self._waiting = self._later(lambda: self._write_stretch(stretch))
 
     def _write_stretch(self, stretch: list[_Decided]) -> None:
         if not stretch:
@@ -268,12 +262,6 @@ class EpisodeRecorder:
         elif end_s < _SHORT_S:
             self._file.send_rows(_MANY_ROWS)
 
-    def _send(
-        self, entity: str, time_s: np.ndarray, values: np.ndarray, rl_step: Any = None
-    ) -> None:
-        if len(time_s):
-            self._file.columns(entity, simulated(time_s, rl_step), scalars(values))
-
     def _write_signals(self, sampled: Stretch) -> None:
         timing = self._config.timing
         if not len(sampled.time_s):
@@ -281,15 +269,12 @@ class EpisodeRecorder:
         for signal in self._signals:
             rate_s = getattr(self._detail, f"{signal.rate}_s")
             every = periods(rate_s, timing.control_period_s, timing.rl_step_s)
-            if signal.reduced == "last":
-                values = signal.of(sampled.last(every))
-            else:
-                values = sampled.reduced(signal.of, every, signal.reduced)
+            values = sampled.rows(signal.of, every, signal.reduced)
             if np.isnan(values[0]).any():  # what the motor FMU does not tell
                 continue
+            times = simulated(sampled.time_s[sampled.ends(every)])
             for robot, name in enumerate(self._names):
-                rows = scalars(values[:, robot])
-                self._file.columns(f"/sim/{name}/{signal.path}", sampled.times(every), rows)
+                self._file.columns(f"/sim/{name}/{signal.path}", times, scalars(values[:, robot]))
 
     def _write_swarm(self, steps: list[Step]) -> None:
         """Write the poses of all robots."""
@@ -327,70 +312,68 @@ class EpisodeRecorder:
 
     def _write_decisions(self, stretch: list[_Decided], name: str, robot: int) -> None:
         """Write what was seen and decided at the start of each RL step, and seen at the end."""
-        times, numbers = self._starts(stretch)
-        seen = [decided.step.before for decided in stretch]
-        self._write_modes(stretch, name, robot)
-        states = {"action": [_action_name(decided.step, robot) for decided in stretch]}
-        decisions = [decided.decision for decided in stretch]
+        steps, decisions = [d.step for d in stretch], [d.decision for d in stretch]
+        ticks, numbers = [s.first_tick for s in steps], [s.number for s in steps]
+        seen = [step.before for step in steps]
+        times = simulated(self._config.timing.dt_s * np.array(ticks), numbers)
+        self._write_modes(steps, name, robot)
+        actions = [_action_name(step, robot) for step in steps]
+        self._file.states(f"/rl/{name}/action", times, actions)
         values = [d.values[robot] for d in decisions if d.values is not None]
         if len(values) == len(decisions):
-            self._send(f"/rl/{name}/q_s", times, np.array(values), numbers)
-            states["greedy"] = [DIRECTION_NAMES[int(d.action[robot])] for d in decisions]
-        for path, names in states.items():
-            rows = rr.StateChange.columns(state=names)
-            self._file.columns(f"/rl/{name}/{path}", simulated(times, numbers), rows)
-        last = stretch[-1].step
-        if last.outcome:
-            seen.append(last.after)
-            times = np.append(times, self._end_s(last))
-            numbers = np.append(numbers, last.number)
-        self._write_observations(name, robot, seen, times, numbers)
+            self._file.columns(f"/rl/{name}/q_s", times, scalars(np.array(values)))
+            greedy = [DIRECTION_NAMES[int(d.action[robot])] for d in decisions]
+            self._file.states(f"/rl/{name}/greedy", times, greedy)
+        if steps[-1].outcome:
+            seen.append(steps[-1].after)
+            end_s = np.append(self._config.timing.dt_s * np.array(ticks), self._end_s(steps[-1]))
+            times = simulated(end_s, [*numbers, numbers[-1]])
+        self._write_observations(name, robot, seen, times)
 
-    def _write_modes(self, stretch: list[_Decided], name: str, robot: int) -> None:
+    def _write_modes(self, steps: list[Step], name: str, robot: int) -> None:
         """Write the mode of the steering whenever it is another one."""
         dt, ticks = self._config.timing.dt_s, self._config.ticks_per_period
         times, names = [], []
-        for step in (decided.step for decided in stretch):
+        for step in steps:
             modes = step.samples.mode[:, robot]
             changed = np.flatnonzero(np.diff(modes, prepend=self._modes[robot]))
             times += (dt * (step.first_tick + ticks * changed)).tolist()
             names += [MODE_NAMES[int(mode)] for mode in modes[changed]]
             self._modes[robot] = modes[-1] if len(modes) else self._modes[robot]
         if times:
-            rows = rr.StateChange.columns(state=names)
-            self._file.columns(f"/rl/{name}/steering", simulated(np.array(times)), rows)
+            self._file.states(f"/rl/{name}/steering", simulated(np.array(times)), names)
 
     def _write_observations(
-        self, name: str, robot: int, seen: list[Observation], times: np.ndarray, numbers: np.ndarray
+        self, name: str, robot: int, seen: list[Observation], times: list[rr.TimeColumn]
     ) -> None:
         cells = np.array([observation.cells for observation in seen])
-        self._send(f"/rl/{name}/cell", times, cells[:, robot], numbers)
         visited = []
         for x, y in cells[:, robot].tolist():
             self._visited[robot].add((x, y))
             visited.append(len(self._visited[robot]))
-        self._send(f"/rl/{name}/visited", times, np.array(visited), numbers)
-        if len(self._names) > 1 and self._all_sampled:
+        series = {"cell": cells[:, robot], "visited": np.array(visited)}
+        if self._distances:
             distances = np.linalg.norm(cells - cells[:, robot : robot + 1], axis=2)
-            nearest = np.delete(distances, robot, axis=1).min(axis=1)
-            self._send(f"/rl/{name}/distance", times, nearest, numbers)
+            series["distance"] = np.delete(distances, robot, axis=1).min(axis=1)
+        for path, values in series.items():
+            self._file.columns(f"/rl/{name}/{path}", times, scalars(values))
         signs = [GRADIENT_SIGNS[int(observation.gradient_sign[robot]) + 1] for observation in seen]
+        self._file.states(f"/rl/{name}/gradient", times, signs)
         classes = [DISTANCE_CLASSES[observation.distance_class[robot]] for observation in seen]
-        for path, names in (("gradient", signs), ("distance_class", classes)):
-            states = rr.StateChange.columns(state=names)
-            self._file.columns(f"/rl/{name}/{path}", simulated(times, numbers), states)
+        self._file.states(f"/rl/{name}/distance_class", times, classes)
 
     def _write_rewards(self, stretch: list[_Decided], name: str, robot: int) -> None:
         earned = [d for d in stretch if not np.isnan(d.reward_parts[robot]).any()]
         if not earned:
             return
-        times = np.array([self._end_s(d.step) for d in earned])
-        numbers = np.array([d.step.number for d in earned])
+        ends_s = np.array([self._end_s(d.step) for d in earned])
+        times = simulated(ends_s, [d.step.number for d in earned])
         parts = np.array([d.reward_parts[robot] for d in earned])
         reward = parts.sum(axis=1)
-        self._send(f"/rl/{name}/reward", times, reward, numbers)
-        self._send(f"/rl/{name}/reward_parts", times, parts, numbers)
-        self._send(f"/rl/{name}/return", times, self._return[robot] + reward.cumsum(), numbers)
+        series = {"reward": reward, "reward_parts": parts}
+        series["return"] = self._return[robot] + reward.cumsum()
+        for path, values in series.items():
+            self._file.columns(f"/rl/{name}/{path}", times, scalars(values))
         self._return[robot] += reward.sum()
 
     def _write_log(self, stretch: list[_Decided]) -> None:
@@ -408,12 +391,6 @@ class EpisodeRecorder:
         label = rr.Points3D.columns(positions=at, labels=[outcome], colors=[WHITE], radii=[0.0])
         self._file.columns("/world/outcome", simulated(np.array([time_s])), label)
 
-    def _starts(self, stretch: list[_Decided]) -> tuple[np.ndarray, np.ndarray]:
-        """Times in s and numbers of the stretch's RL steps."""
-        steps = [decided.step for decided in stretch]
-        times = np.array([step.first_tick for step in steps]) * self._config.timing.dt_s
-        return times, np.array([step.number for step in steps])
-
     def _end_s(self, step: Step) -> float:
         ticks = step.first_tick + self._config.ticks_per_period * len(step.samples.omega)
         return ticks * self._config.timing.dt_s
@@ -426,11 +403,12 @@ def _unchanging(
     patches: tuple[Patch, ...],
     signals: tuple[SignalSpec, ...],
     sampled: tuple[int, ...],
+    q_unit: str,
 ) -> list[Chunk]:
     """Return the scene and the styles of all signals."""
     kept = Kept()
     write_scene(kept, scenario, robot, patches, sampled)
-    write_styles(kept, signals, sampled)
+    write_styles(kept, signals, sampled, q_unit)
     return kept.chunks
 
 

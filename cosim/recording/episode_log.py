@@ -190,14 +190,11 @@ def write_lines(file: Sink, lines: list[Line]) -> None:
         file.columns("/log", _times(lines), rows)
     for entity in {line.entity: None for line in lines if line.entity}:
         changes = [line for line in lines if line.entity == entity]
-        states = rr.StateChange.columns(state=[line.state for line in changes])
-        file.columns(entity, _times(changes), states)
+        file.states(entity, _times(changes), [line.state for line in changes])
 
 
 def _times(lines: list[Line]) -> list[rr.TimeColumn]:
-    return simulated(
-        np.array([line.time_s for line in lines]), np.array([line.rl_step for line in lines])
-    )
+    return simulated(np.array([line.time_s for line in lines]), [line.rl_step for line in lines])
 
 
 def write_run_page(file: Sink, facts: dict[str, Any], config: CoSimConfig) -> None:

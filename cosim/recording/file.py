@@ -19,7 +19,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -37,34 +37,10 @@ FLUSH_TIMEOUT_S = 30.0
 # An RL step of two robots writes under 1 MB; the rest is room for the footer and other writers.
 LEAST_FREE_BYTES = 50_000_000
 _END, _END_BYTES = b"RRF2FOOT", 12  # of a whole file
-(_SCALARS,) = (c.component_descriptor() for c in rr.Scalars.columns(scalars=np.zeros(1)))
 
 
 class RecordingError(UserError):
     """Error in writing a recording. The message names the file and how to fix it."""
-
-
-class _Rows(NamedTuple):
-    """Rows of one entity, as they were taken."""
-
-    times: list[rr.TimeColumn]
-    columns: list[rr.ComponentColumn]
-
-
-class _Column(rr.ComponentColumn):
-    """Arrow array of a component, with a list per row, or of times."""
-
-    def __init__(self, what: Any, array: pa.Array) -> None:
-        self._what, self._array = what, array
-
-    def timeline_name(self) -> str:
-        return self._what
-
-    def component_descriptor(self) -> rr.ComponentDescriptor:
-        return self._what
-
-    def as_arrow_array(self) -> pa.Array:
-        return self._array
 
 
 class Sink(ABC):
@@ -72,7 +48,7 @@ class Sink(ABC):
 
     def __init__(self) -> None:
         rr.set_strict_mode(True)
-        self._gathered: dict[str, list[_Rows]] = {}  # of each entity, to be one chunk
+        self._gathered: dict[str, list[Chunk]] = {}  # of each entity, to be one
 
     @abstractmethod
     def send(self, chunks: Iterable[Chunk]) -> None:
@@ -80,22 +56,34 @@ class Sink(ABC):
 
     def static(self, entity: str, *what: rr.AsComponents) -> None:
         """Take data that holds for the whole recording."""
-        self.send([static_chunk(entity, *what)])
+        batches = [batch for part in what for batch in part.as_component_batches()]
+        columns = [batch.partition([len(batch.as_arrow_array())]) for batch in batches]
+        self.send([Chunk.from_columns(entity, [], columns)])
 
     def properties(self, name: str, values: Mapping[str, Any]) -> None:
         """Take a property of the recording."""
         self.send([Chunk.from_property(name, properties(values))])
 
-    def columns(self, entity: str, times: list[rr.TimeColumn], columns: Any) -> None:
+    def columns(
+        self,
+        entity: str,
+        times: Iterable[rr.TimeColumn],
+        columns: Iterable[rr.ComponentColumn],
+    ) -> None:
         """Take rows of one entity, one per time; `send_rows` makes a chunk of them."""
-        self._gathered.setdefault(entity, []).append(_Rows(times, list(columns)))
+        self._gathered.setdefault(entity, []).append(Chunk.from_columns(entity, times, columns))
+
+    def states(self, entity: str, times: Iterable[rr.TimeColumn], states: list[str]) -> None:
+        """Take the states of an entity from some times on."""
+        self.columns(entity, times, rr.StateChange.columns(state=states))
 
     def send_rows(self, least_rows: int = 0) -> None:
         """Send rows taken so far, of entities that have at least a number of them."""
-        for entity, parts in list(self._gathered.items()):
-            if sum(len(rows.times[0].as_arrow_array()) for rows in parts) >= least_rows:
+        for entity, chunks in list(self._gathered.items()):
+            if sum(chunk.num_rows for chunk in chunks) >= least_rows:
                 del self._gathered[entity]
-                self.send([_chunk(entity, parts)])
+                rows = pa.concat_batches([chunk.to_record_batch() for chunk in chunks])
+                self.send(Chunk.from_record_batch(rows, entity_path=entity))
 
     def flush(self) -> None:
         """Write out the data so far."""
@@ -313,49 +301,19 @@ def _leave(_: rr.RecordingStream) -> None:
     os._exit(USER_ERROR_STATUS)
 
 
-def simulated(time_s: np.ndarray, rl_step: np.ndarray | None = None) -> list[rr.TimeColumn]:
+def simulated(time_s: np.ndarray, rl_step: Sequence[int] | None = None) -> list[rr.TimeColumn]:
     """Times of rows in an episode: simulated time in s, and the RL step where it applies."""
-    nanoseconds = np.round(np.atleast_1d(time_s) * 1e9).astype("timedelta64[ns]")
+    nanoseconds = np.round(time_s * 1e9).astype("timedelta64[ns]")
     columns = [rr.TimeColumn("sim_time", duration=nanoseconds)]
     if rl_step is not None:
-        columns.append(rr.TimeColumn("rl_step", sequence=np.atleast_1d(rl_step)))
+        columns.append(rr.TimeColumn("rl_step", sequence=np.array(rl_step)))
     return columns
 
 
-def _chunk(entity: str, parts: list[_Rows]) -> Chunk:
-    """Return the rows of an entity as one chunk."""
-    times, columns = parts[0]
-    if len(parts) > 1:
-        names = [column.timeline_name() for column in times]
-        times = _joined(names, [rows.times for rows in parts])
-        descriptors = [column.component_descriptor() for column in columns]
-        columns = _joined(descriptors, [rows.columns for rows in parts])
-    return Chunk.from_columns(entity, times, columns)
-
-
-def _joined(what: Sequence[Any], parts: Sequence[Sequence[Any]]) -> list[Any]:
-    """Columns with the rows of several parts."""
-    arrays = [[column.as_arrow_array() for column in columns] for columns in parts]
-    joined = map(pa.concat_arrays, zip(*arrays, strict=True))
-    return [_Column(*column) for column in zip(what, joined, strict=True)]
-
-
-def static_chunk(entity: str, *what: rr.AsComponents) -> Chunk:
-    """Return data of an entity that holds for the whole recording."""
-    batches = [batch for part in what for batch in part.as_component_batches()]
-    columns = []
-    for batch in batches:
-        array = batch.as_arrow_array()
-        row = pa.ListArray.from_arrays(pa.array([0, len(array)], pa.int32()), array)
-        columns.append(_Column(batch.component_descriptor(), row))
-    return Chunk.from_columns(entity, [], columns)
-
-
-def scalars(values: np.ndarray) -> list[rr.ComponentColumn]:
+def scalars(values: np.ndarray) -> Iterable[rr.ComponentColumn]:
     """Rows of a scalar (n,) or vector (n, k) signal."""
-    flat = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
-    ends = np.arange(len(values) + 1, dtype=np.int32) * (values.shape[1] if values.ndim > 1 else 1)
-    return [_Column(_SCALARS, pa.ListArray.from_arrays(pa.array(ends), pa.array(flat)))]
+    rows = rr.Scalars.columns(scalars=np.asarray(values, dtype=np.float64).reshape(-1))
+    return rows if values.ndim == 1 else rows.partition(np.full(len(values), values.shape[1]))
 
 
 def properties(values: Mapping[str, Any]) -> rr.AnyValues:

@@ -201,17 +201,24 @@ def read_episode(recording: Path | Kept) -> Episode:
         path, data = recording, read_rrd(recording)
     else:
         path, data = Path("the episode"), read_chunks(recording.chunks, recording.recording_id)
-    found = {match[2] for key in data.signals if (match := _ROBOT.match(key))}
-    robots = sorted(found, key=lambda name: (len(name), name))  # r10 after r2
-    if not robots or "episode" not in data.properties:
+    if "episode" not in data.properties:
         raise RecordingReadError(f"{path} holds no episode; record one with `minirobots run`")
+    ends = [
+        (match[2], float(signal.time_s[-1]))
+        for key, signal in data.signals.items()
+        if (match := _ROBOT.match(key)) and len(signal.time_s)
+    ]
+    robots = sorted({name for name, _ in ends}, key=lambda name: (len(name), name))  # r10 after r2
+    if not robots:
+        raise RecordingReadError(
+            f"{path} ends before the first signals of its episode were written; record it again"
+        )
     outcomes = [t for t in data.texts.get(OUTCOME, _NOTHING).texts if t != STILL_RUNNING]
     if len(outcomes) > 1:
         raise RecordingReadError(
             f"{path} holds {len(outcomes)} episodes merged into one; name a file with one"
         )
-    ends = [s.time_s[-1] for key, s in data.signals.items() if _ROBOT.match(key) and len(s.time_s)]
-    time_s = float(max(ends))
+    time_s = max(end_s for _, end_s in ends)
     with parsing(path, EPISODE):
         parameters = {
             name: Parameter(**json.loads(text))

@@ -122,7 +122,7 @@ def write_scene(
             ),
         )
         _write_robot(file, name, colour, robot)
-        _write_track_styles(file, name, colour, cell)
+        _write_track_styles(file, name, colour)
 
 
 def _disc(robot: RobotParams) -> rr.Mesh3D:
@@ -215,16 +215,14 @@ def _write_robot(file: Sink, name: str, colour: int, robot: RobotParams) -> None
     )
 
 
-def _write_track_styles(file: Sink, name: str, colour: int, cell_m: float) -> None:
+def _write_track_styles(file: Sink, name: str, colour: int) -> None:
     """Styles of what a robot leaves on the floor and intends."""
     file.static(
         f"/world/{name}/trail", rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0006])
     )
     file.static(
         f"/world/{name}/visited",
-        rr.Boxes3D.from_fields(
-            half_sizes=[(cell_m / 2, cell_m / 2, 0.0001)], colors=[faint(colour)], fill_mode="solid"
-        ),
+        rr.Boxes3D.from_fields(colors=[faint(colour)], fill_mode="solid"),
     )
     file.static(f"/world/{name}/plan", rr.Arrows3D.from_fields(colors=[WHITE], radii=[0.0012]))
 

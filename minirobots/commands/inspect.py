@@ -17,9 +17,10 @@ class Inspect(CommandOptions):
     """Print the content of a recorded episode, and its anomalies.
 
     Prints what was run, the outcome, every robot's path and moves, statistics of every signal, and
-    findings with the time at which to look: voltages at their limit, sliding feet, feet in the
-    air, robots that nearly or really touch, moves given up. Also reads what a killed run left
-    (.rrd.part).
+    findings with the time at which to look. What looks wrong: no success, a recording that was cut
+    off, robots that touch, moves given up, voltages at their limit for long. What robots that reach
+    their targets also do: feet slide and lift off, robots pass closely. Also reads what a killed
+    run left (.rrd.part).
     """
 
     recording: Annotated[Path, tyro.conf.Positional]
@@ -74,9 +75,13 @@ def run(options: Inspect, _: Progress) -> Iterator[Any]:
     )
     layout = {"names": 3, "title": "signals", "numbers": len(measures)}
     show(columns, found.signals, **layout, console=console)
-    table = Table("what looks wrong", "where", "at", "")
-    for finding in found.findings:
-        at_s = finding.time_s
-        at = f"{at_s:.2f} s" if at_s is not None else "–"
-        table.add_row(finding.kind, finding.where, at, finding.text)
-    console.print(table if found.findings else "nothing looks wrong")
+    if not any(finding.wrong for finding in found.findings):
+        console.print("nothing looks wrong")
+    for wrong, title in ((True, "what looks wrong"), (False, "what successful robots also do")):
+        table = Table(title, "where", "at", "")
+        for finding in found.findings:
+            if finding.wrong == wrong:
+                at = f"{finding.time_s:.2f} s" if finding.time_s is not None else "–"
+                table.add_row(finding.kind, finding.where, at, finding.text)
+        if table.row_count:
+            console.print(table)

@@ -231,11 +231,10 @@ def test_rows_cover_blocks_also_across_rl_steps(recorded, lengths):
     stretch = Stretch(cut, TIMING)
     ways: dict[Literal["mean", "max"], Any] = {"mean": np.mean, "max": np.max}
     for how, of_block in ways.items():
-        rows = stretch.reduced(lambda samples: samples.voltage, every, how)
+        rows = stretch.rows(lambda samples: samples.voltage, every, how)
         assert rows == pytest.approx(np.array([of_block(block, axis=0) for block in blocks]))
-    assert np.array_equal(stretch.last(every).voltage, [block[-1] for block in blocks])
-    some = np.array([0, len(voltage) - 1])
-    assert np.array_equal(stretch.at(some).voltage, voltage[some])
+    last = stretch.rows(lambda samples: samples.voltage, every, "last")
+    assert np.array_equal(last, [block[-1] for block in blocks])
     first = np.concatenate(
         [np.arange(min(9, n)) + begin for n, begin in zip(lengths, (0, lengths[0]), strict=True)]
     )
