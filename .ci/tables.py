@@ -46,7 +46,7 @@ class Picture:
 
 PICTURES = {
     "performance": Picture(
-        "performance", "figure | this run | three", {"this run": "this run"}, "{figure}", "ns",
+        "performance", "figure | this run", {"this run": "this run"}, "{figure}", "ns",
         keep="_ns", logarithmic=True),
     "steering": Picture(
         "steering", "rad/s | forwards", {"forwards": "forwards", "backwards": "backwards"},
