@@ -9,8 +9,7 @@ import numpy as np
 from agent.mdp.exact import Evaluation, some_starts
 from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.joint import IMPOSSIBLE
-from agent.mdp.optimum import Bound, require_paths
-from agent.mdp.readings import build_process
+from agent.mdp.optimum import require_paths
 from agent.moves.group import MOST_CELLS, MOST_TIMES, Group, evaluate_group, group_of, plan
 from agent.training.pair_policy import alone_maps, numbered
 from agent.training.policy import PolicyConfig, read_policy
@@ -62,8 +61,7 @@ class GroupPolicy(GreedyPolicy):
                 "choose a method that learns, such as moves"
             )
         policy = cls(config)
-        alone = policy.group.around[:, 0].min(axis=2).astype(float)
-        require_paths(build_process(config.scenario, config.process), Bound(alone, alone, True))
+        require_paths(policy.process, policy.group.around[:, 0].min(axis=2), alone=True)
         return policy
 
     @cached_property
@@ -87,7 +85,8 @@ class GroupPolicy(GreedyPolicy):
         seen, cells, goals = numbered(self, observation)
         axes = seen.direction % AXIS_COUNT
         asked = np.stack([cells, goals, axes]).tobytes()
-        if asked not in self._plans:
+        values = self._plans.get(asked)  # another thread may clear the plans at any time
+        if values is None:
             actions, ends = np.empty(len(cells), dtype=np.int64), np.empty(len(cells))
             plan(self.group, cells, goals, axes, actions, ends)
             values = np.full((len(cells), DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
@@ -96,7 +95,7 @@ class GroupPolicy(GreedyPolicy):
             if len(self._plans) >= _KNOWN:
                 self._plans.clear()
             self._plans[asked] = values
-        return self._plans[asked].copy()
+        return values.copy()
 
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
         """Episodes on the grid, see `agent.mdp.exact.evaluate`; by default from some starts."""
