@@ -17,8 +17,9 @@ class Robustness(Distributed, Resumable):
 
     Worlds deviate from the ideal in one thing at a time (friction, patches, motors, camera, delay,
     noise, load, slope, bouncing feet), and in everything at once, then also with the shield. Every
-    episode is kept when it ends: the same command resumes, and with --budget-minutes 0 it only
-    writes the table and the plot of existing results.
+    episode is kept when it ends: the same command resumes, and with --budget-minutes 0 it starts no
+    episode and writes the table and the plot of existing results. Policies and calibrations that
+    are missing are made first.
     """
 
     out: Folder = Path("runs/robustness")
