@@ -54,10 +54,10 @@ class Robustness(Distributed, Resumable):
 def run(options: Robustness, progress: Progress) -> Iterator[Any]:
     """Simulate missing episodes, write the table and the plot, and print the table."""
     world = read_world(options.world)
-    from agent.study.robustness import COLUMNS, robustness
+    from agent.study.transfer import OF_WORLDS, robustness
     from cosim.base.table import show
 
     report = robustness(**options.arguments(world=world), progress=progress)
     yield report
-    show(COLUMNS, report.rows, names=5)
+    show(OF_WORLDS, report.rows, names=5)
     print(f"table in {options.out}/: robustness.json, robustness.md, robustness.png")

@@ -1,5 +1,6 @@
 """Clearances of computed plans: targets near each other, large robots, other cells, no path."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from agent.training.store import train_policy
 from cosim.base.errors import UserError
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTIONS, Observation
 from tests.agent.moves.test_pair import BOARD, MOVES
 
 FEATURES = {1: ("x", "y", "h"), 2: ("x", "y", "h", "p")}
@@ -79,3 +81,21 @@ def test_targets_that_cannot_be_reached_are_refused(robots, objective):
             Policy.computed(config(board, objective))
         else:
             KINDS[objective].computed(config(board, objective))
+
+
+def test_first_moves_of_plans_keep_the_gap():
+    """The lines of two moves that begin at once, which may begin and end at any time."""
+    board = replace(BOARD, name="wide", targets=((1, 1), (14, 14)), columns=16, rows=16)
+    policy, rng = GroupPolicy.computed(config(board, "planned")), np.random.default_rng(0)
+    share, none, apart = np.linspace(0.0, 1.0, 101)[:, None], np.zeros(2, dtype=np.int64), []
+    for cells in rng.integers(16, size=(400, 2, 2)):
+        if not 5.83 <= math.dist(*cells) < 9.0 or (cells == board.targets).all(axis=1).any():
+            continue
+        seen = Observation(cells, none, none, none, np.array(board.targets), cells)
+        if policy.q_values(seen).max(axis=1).min() > -1e4:  # both have a plan
+            steps = DIRECTIONS[policy.act(seen).action]
+            first, second = cells[:, None] + share * steps[:, None]
+            apart.append(np.linalg.norm(first[:, None] - second, axis=2).min())
+    nearest, *others = sorted(apart)
+    assert nearest > 0.8**0.5 * 5.83  # there is no other plan
+    assert others[:5] == pytest.approx([34**0.5] * 5)
