@@ -157,7 +157,7 @@ def _observed_moves(
     config = calibrated_slower(motors.config().sized(scenario.robot_diameter_m), fmu, progress)
     config = DecisionOptions(through=through).deciding(config)
     worlds = None if worlds is None else checked_ranges(worlds, config)
-    return cached_moves(config, fmu, progress, worlds)
+    return cached_moves(config, fmu, progress, worlds, scenario.cell_m)
 
 
 def method_policy(

@@ -5,8 +5,7 @@ from typing import Any, Literal, get_args
 import gymnasium as gym
 import numpy as np
 
-from agent.envs.boards import EnvBoards
-from agent.envs.state import Restorable
+from agent.envs.boards import EnvBoards, Restorable
 from cosim.base.arguments import taken
 from cosim.model.scenario import Scenario
 

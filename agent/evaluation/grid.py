@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from agent.evaluation.statistics import Statistics, rate, summarise
-from agent.mdp.exact import enumerable
+from agent.mdp.exact import enumerable, joint_starts
 from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.optimum import ratios
 from agent.training.runs import policy_paths
@@ -41,8 +41,8 @@ class PolicyMeasures(msgspec.Struct, frozen=True, kw_only=True):
         policy: its name.
         scenario: name of its scenario.
         starts: how many there are.
-        success_low, success_high: 95 % Wilson interval of `success` where starts were drawn; None
-            where it is exact.
+        success_low, success_high: 95 % Wilson interval of `success` over a sample of the starts;
+            None where it is exact.
         success, collision, out_of_board, timeout: share of the starts with that outcome.
         path_length_cm: mean over robots and successful starts; None without a success.
         steps: moves, the same mean.
@@ -110,7 +110,8 @@ def measure(name: str, policy: GreedyPolicy) -> PolicyReport:
     failing = np.flatnonzero(result.outcome != SUCCESS)
     scenario = policy.config.scenario
     low = high = None
-    if not enumerable(policy.process):
+    starts = len(joint_starts(policy.process)) if enumerable(policy.process) else None
+    if len(result.outcome) != starts:  # a sample
         _, low, high = rate(len(result.outcome) - len(failing), len(result.outcome))
     return PolicyReport(
         policy=name,
@@ -213,4 +214,4 @@ def show_failures(policies: Iterable[Any]) -> None:
 def _starts(row: PolicyMeasures) -> str:
     if row.success_low is None:
         return str(row.starts)
-    return f"{row.starts} drawn: {row.success_low:.2%} to {row.success_high:.2%}"
+    return f"sample of {row.starts}: {row.success_low:.2%} to {row.success_high:.2%}"

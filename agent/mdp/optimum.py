@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import label
 
 from agent.mdp.config import Computed
 from agent.mdp.exact import Evaluation, joint_starts
@@ -25,7 +26,7 @@ from agent.mdp.joint import (
     solve,
     tabulate,
 )
-from agent.mdp.readings import MAX_JOINT_STATES, Process
+from agent.mdp.readings import FREE, GOAL, MAX_JOINT_STATES, Process
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, read_arrays
@@ -64,16 +65,19 @@ class Bound(NamedTuple):
         Returns:
             Two arrays (K,) float64.
         """
-        index = starts[..., 0] * rows + starts[..., 1]
-        robots = index.shape[1]
-        if self.relaxed:
-            alone = np.arange(robots)
-            return (
-                self.path_cells[alone, index].mean(axis=1),
-                self.steps[alone, index].mean(axis=1),
-            )
-        joint = tuple(index.T)
-        return self.path_cells[joint] / robots, self.steps[joint] / robots
+        return (
+            _of_starts(self.path_cells, starts, rows, self.relaxed),
+            _of_starts(self.steps, starts, rows, self.relaxed),
+        )
+
+
+def _of_starts(costs: np.ndarray, starts: np.ndarray, rows: int, alone: bool) -> np.ndarray:
+    """(K,) float64, mean over robots of costs that are in the layout of `Bound`."""
+    index = starts[..., 0] * rows + starts[..., 1]
+    robots = index.shape[1]
+    if alone:
+        return costs[np.arange(robots), index].mean(axis=1)
+    return costs[tuple(index.T)] / robots
 
 
 def _optimum(process: Process, costs: np.ndarray, relaxed: bool) -> np.ndarray:
@@ -97,6 +101,23 @@ def _alone(after: np.ndarray, costs: np.ndarray) -> np.ndarray:
     return value
 
 
+def require_paths_alone(process: Process) -> None:
+    """Refuse start cells from which a robot alone cannot reach its target; quick on any board.
+
+    Raises:
+        UserError: it names the first of them.
+    """
+    for i, terrain in enumerate(process.terrain):
+        joined, _ = label(np.isin(terrain, (FREE, GOAL)), np.ones((3, 3)))
+        cells = process.start_cells[process.start_offsets[i] : process.start_offsets[i + 1]]
+        without = cells[joined[tuple(cells.T + 1)] != joined[terrain == GOAL]]
+        if len(without):
+            raise UserError(
+                f"from start cell {without[0].tolist()} of robot {i + 1} there is no path to its "
+                f"target, nor from {len(without) - 1} others; move obstacles, starts or targets"
+            )
+
+
 def optimum(process: Process) -> Bound:
     """Exact optimum of a process without slip, computed or found in the cache."""
     robots, columns, rows = process.terrain.shape
@@ -112,14 +133,20 @@ def optimum(process: Process) -> Bound:
     return cached(path, _load, make, _save)
 
 
-def require_paths(process: Process, bound: Bound) -> None:
+def require_paths(process: Process, costs: np.ndarray, *, alone: bool = False) -> None:
     """Refuse starts from which the targets cannot be reached.
+
+    Args:
+        process: of one robot or more.
+        costs: (cells,) or (cells, cells) float64, inf where there is no path, by the cells of all
+            robots; or (robots, cells), of each robot alone.
+        alone: whether they are of each robot alone.
 
     Raises:
         UserError: it names the first of them.
     """
     starts = joint_starts(process)
-    without = starts[~np.isfinite(bound.of_starts(starts, process.terrain.shape[2] - 2)[0])]
+    without = starts[~np.isfinite(_of_starts(costs, starts, process.terrain.shape[2] - 2, alone))]
     if len(without):
         raise UserError(
             f"from start cells {without[0].tolist()} there is no path to the targets, and from "
@@ -142,7 +169,7 @@ def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, 
         UserError: the joint process is too large, or has starts without a path to the end.
     """
     bound = optimum(process)
-    require_paths(process, bound)
+    require_paths(process, bound.path_cells, alone=bound.relaxed)
     robots, columns, rows = process.terrain.shape
     if bound.relaxed:
         cells = (columns - 2) * (rows - 2)

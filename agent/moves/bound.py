@@ -11,7 +11,9 @@ import math
 
 import numpy as np
 
+from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after
+from agent.mdp.optimum import require_paths
 from agent.mdp.readings import Process
 from agent.moves.model import KINDS, MovesError, ObservedMoves, move_kind
 from cosim.base.jit import kernel
@@ -99,8 +101,10 @@ def fastest_tables(process: Process, moves: ObservedMoves) -> tuple[np.ndarray, 
 
     Raises:
         MovesError: see `mean_seconds`.
+        UserError: there is a start without a path to the target.
     """
     value, after = least_times(process, moves)[0], cells_after(process, 0)
+    require_paths(process, value[:, STARTING_AXIS])
     directions = np.arange(DIRECTION_COUNT)
     kinds = [[move_kind(a, axis) for a in directions.tolist()] for axis in range(AXIS_COUNT)]
     rest = np.where(after == BLOCKED, np.inf, value[after, directions % AXIS_COUNT])

@@ -17,19 +17,24 @@ import numpy as np
 
 from agent.mdp.exact import Evaluation, count_moves, new_evaluation
 from agent.mdp.grid import AXIS, COLUMN_COUNT, X, Y, move, place
-from agent.mdp.joint import BLOCKED, cells_after
+from agent.mdp.joint import BLOCKED
 from agent.mdp.readings import Process
 from agent.moves.model import ObservedMoves
-from agent.moves.pair import axis_towards, block_targets, move_seconds, squared_distance
+from agent.moves.pair import (
+    axis_towards,
+    board_of,
+    kept_distances,
+    move_seconds,
+    squared_distance,
+)
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
-VERSION = 1  # of plans: raise it when their bits change
+VERSION = 2  # of plans: raise it when their bits change
 
 # Of times round parked robots, kept for every set of them, and of the board.
 MOST_TIMES, MOST_CELLS = 2_000_000, 10_000
-GAP_M = 0.0083  # assumed: between robots, as pairs keep it (`agent.moves.pair.KEPT_CELLS`)
 _EARLIER_S = 2.0  # assumed: moves begin and end by that much earlier or later than planned
 _LEFT = 0.75  # assumed: share of its time that is left of a move under way
 _NEARER = 0.8  # of the squared distances kept, where there is no plan otherwise
@@ -55,7 +60,8 @@ class Group(NamedTuple):
             have parked, by a bit for each of those, by its cell and axis.
         targets: (N,) int64, target cell of each robot.
         slice_s: length in s of a slice of time, in which a cell is reached with an axis but once.
-        kept: (N, N) float64, squared distance in cells² that robots keep.
+        kept: squared distance in cells² that robots keep, see `agent.moves.pair.kept_distances`.
+        parked: (N, N) float64, the same where one of them is parked and the other one parks.
         at: (cells, 2) int64, column and row of each cell.
     """
 
@@ -64,7 +70,8 @@ class Group(NamedTuple):
     around: np.ndarray
     targets: np.ndarray
     slice_s: float
-    kept: np.ndarray
+    kept: float
+    parked: np.ndarray
     at: np.ndarray
 
 
@@ -128,8 +135,7 @@ def _is_clear(
     p, p_after, first = int(own[FROM]), int(own[TO]), own[BEGIN] == -math.inf
     begin = 0.0 if first else own[BEGIN]
     for j in range(len(counts)):
-        need = share * group.kept[k, j]
-        far = (math.sqrt(need) + 2.0 * math.sqrt(2.0)) ** 2
+        far = (math.sqrt(share * group.kept) + 2.0 * math.sqrt(2.0)) ** 2
         for m in range(since[j, int(begin / group.slice_s)], counts[j] if j != k else 0):
             if plans[j, m, BEGIN] - _EARLIER_S >= own[END]:
                 break
@@ -139,6 +145,8 @@ def _is_clear(
             before = float(squared_distance(p, q, group.at))
             if before >= far:
                 continue
+            parks = p_after == group.targets[k] and plans[j, m, END] == math.inf
+            need = share * (group.parked[k, j] if parks else group.kept)
             if first and before < need:
                 if squared_distance(p_after, q_after, group.at) <= before:
                     return False
@@ -156,7 +164,8 @@ def _parks_from(group: Group, plans: np.ndarray, counts: np.ndarray, k: int, sha
     for j in range(len(counts)):
         for m in range(counts[j] if j != k else 0):
             near = _to_line(target, int(plans[j, m, FROM]), int(plans[j, m, TO]), group.at)
-            if near < share * group.kept[k, j] - _ROUNDING:
+            need = group.parked[k, j] if plans[j, m, END] == math.inf else group.kept
+            if near < share * need - _ROUNDING:
                 soonest = max(soonest, plans[j, m, END] + _EARLIER_S)
     return soonest
 
@@ -368,7 +377,8 @@ def _go_round(group: Group, k: int, parked: int, open_moves: np.ndarray, value: 
             for j in range(len(group.targets)):
                 if open_moves[p, a] and (parked >> j) & 1:
                     near = _to_line(group.targets[j], p, q, group.at)
-                    open_moves[p, a] = near >= group.kept[k, j] - _ROUNDING
+                    need = group.parked[k, j] if q == group.targets[k] else group.kept
+                    open_moves[p, a] = near >= need - _ROUNDING
     changed = True
     while changed:
         changed = False
@@ -394,17 +404,12 @@ def group_of(process: Process, moves: ObservedMoves) -> Group:
     Raises:
         MovesError: see `agent.moves.bound.mean_seconds`.
     """
-    n = len(process.terrain)
-    after = np.stack([cells_after(process, i) for i in range(n)])
-    cells, rows = after.shape[1], process.terrain.shape[2] - 2
-    at = np.stack(np.divmod(np.arange(cells), rows), axis=1)
-    targets = (after[:, :, 0] == np.arange(cells)).argmax(axis=1)
-    kept = (math.sqrt(process.thresholds.contact) + GAP_M / process.cell_m) ** 2
-    between = ((at[targets][:, None] - at[targets]) ** 2).sum(axis=2)
+    after, at, targets = board_of(process)
+    n, cells = after.shape[:2]
     around = np.full((n, 1 << n, cells, AXIS_COUNT), np.inf, dtype=np.float32)
-    block_targets(after, at)
-    seconds, kept = move_seconds(moves), np.minimum(kept, between)
-    group = Group(after, seconds, around, targets, _SLICE * float(seconds.min()), kept, at)
+    seconds, distances = move_seconds(moves), kept_distances(process, targets, at)
+    slice_s = _SLICE * float(seconds.min())
+    group = Group(after, seconds, around, targets, slice_s, *distances, at)
     open_moves = np.empty((cells, DIRECTION_COUNT), dtype=np.bool_)
     for k in range(n):
         for parked in range(1 << n):

@@ -19,6 +19,7 @@ from cosim.base.jit import inlined
 from cosim.base.reading import Kind, parsing, read_json
 from cosim.base.storage import replacing
 from cosim.model.params import TIMING
+from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
 SCHEMA_VERSION = 1
@@ -69,6 +70,7 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             (`agent.moves.worlds`); empty where all had the same.
         rl_step_s: time between two decisions.
         through: whether robots drove on at the end of a move until they were asked.
+        cell_m: edge of a cell, the unit of lengths.
     """
 
     source: str
@@ -77,6 +79,7 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     walks: tuple[int, ...] = ()
     rl_step_s: float = TIMING.rl_step_s
     through: bool = False
+    cell_m: float = Scenario.cell_m
 
     def save(self, path: Path) -> None:
         """Write as JSON, whole or not at all.

@@ -129,6 +129,7 @@ def observe_moves(
     moves_per_kind: int = MOVES_PER_KIND,
     seed: int = 0,
     worlds: WorldRange | None = None,
+    cell_m: float = Scenario.cell_m,
     jobs: int = 2,
     progress: Progress = silent,
 ) -> ObservedMoves:
@@ -140,6 +141,7 @@ def observe_moves(
         moves_per_kind: least number of moves of each of the KINDS kinds.
         seed: of directions, speed noise and worlds.
         worlds: from which every walk draws its own; by default all have the configuration's.
+        cell_m: edge of a cell.
         jobs: threads; the result does not depend on it.
         progress: receives the moves observed.
 
@@ -155,6 +157,7 @@ def observe_moves(
         starts=(((middle, middle),),),
         columns=_SIDE_CELLS,
         rows=_SIDE_CELLS,
+        cell_m=cell_m,
         robot_diameter_m=config.robot.diameter_m,
     )
     walks = WALKS if worlds is None else WALKS_OF_WORLDS
@@ -170,7 +173,7 @@ def observe_moves(
                 key = np.random.SeedSequence(seed, spawn_key=(number,))
                 directions, noise, world = key.spawn(3)
                 rng = np.random.default_rng(directions)
-                walkers.append(_Walker(rng, target, scenario.cell_m))
+                walkers.append(_Walker(rng, target, cell_m))
                 own = driving
                 if worlds is not None:
                     rng = np.random.default_rng(world)
@@ -202,6 +205,7 @@ def observe_moves(
         () if worlds is None else tuple(len(moves) for moves in walked),
         config.timing.rl_step_s,
         config.through,
+        cell_m,
     )
 
 
@@ -211,22 +215,33 @@ def moves_path(config: CoSimConfig, fmu: Path, worlds: WorldRange | None = None)
 
 
 def cached_moves(
-    config: CoSimConfig, fmu: Path, progress: Progress = silent, worlds: WorldRange | None = None
+    config: CoSimConfig,
+    fmu: Path,
+    progress: Progress = silent,
+    worlds: WorldRange | None = None,
+    cell_m: float = Scenario.cell_m,
 ) -> ObservedMoves:
-    """The moves of these parameters and this FMU: found in the cache, or observed and kept.
+    """The moves of these arguments: found in the cache, or observed and kept.
+
+    Args:
+        config, fmu, progress, worlds, cell_m: see `observe_moves`.
 
     Raises:
         FmuError, MovesError: see `observe_moves`.
         OSError: the cache cannot be written.
     """
+    path = moves_path(config, fmu, worlds)
+    if cell_m != Scenario.cell_m:
+        path = path.with_stem(f"{path.stem}-{cell_m}")
     return cached(
-        moves_path(config, fmu, worlds),
+        path,
         ObservedMoves.load,
         lambda: observe_moves(
             config,
             fmu,
             moves_per_kind=MOVES_PER_KIND if worlds is None else MOVES_OF_WORLDS_PER_KIND,
             worlds=worlds,
+            cell_m=cell_m,
             progress=progress,
         ),
         ObservedMoves.save,
@@ -246,13 +261,13 @@ def facts_of(moves: ObservedMoves) -> dict[str, Any]:
 
 def move_rows(moves: ObservedMoves) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Header and rows of a table of the kinds of moves."""
-    rows = []
+    rows, cell_mm = [], 1e3 * moves.cell_m
     for kind in range(KINDS):
         seen = [m for m in moves.moves if move_kind(m.direction, m.heading) == kind]
         turn = 45 * ((-kind % AXIS_COUNT + 1) % AXIS_COUNT - 1)
         durations = np.array([m.duration_s for m in seen])
-        drift = np.array([math.hypot(m.drift_x, m.drift_y) for m in seen]) * 10.0
-        off = np.array([math.hypot(m.stop_x, m.stop_y) for m in seen]) * 10.0
+        drift = np.array([math.hypot(m.drift_x, m.drift_y) for m in seen]) * cell_mm
+        off = np.array([math.hypot(m.stop_x, m.stop_y) for m in seen]) * cell_mm
         rows.append(
             (
                 f"{'diagonal' if kind >= AXIS_COUNT else 'straight'} after {turn:+d} deg",

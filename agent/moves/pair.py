@@ -2,9 +2,10 @@
 
 The state is each robot's cell and the axis that it faces. What a joint move costs is the mean times
 of both robots' moves; value iteration over all states gives the least sum of both robots' times.
-Robots end their moves at different moments, which the states leave out: joint moves keep the
-squared distance `KEPT_CELLS`, from one pair of cells to the next and on the way, to leave room for
-it. Values are kept as a delay over the times of robots that are alone, which compresses well.
+Robots end their moves at different moments, which the states leave out: joint moves keep a gap of
+`GAP_M`, from one pair of cells to the next and on the way, to leave room for it. Robots whose
+targets are nearer to each other park one after the other. Values are kept as a delay over the times
+of robots that are alone, which compresses well.
 """
 
 import itertools
@@ -23,12 +24,11 @@ from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
-VERSION = 1  # of fastest paths, of one robot too: raise it when their bits change
+VERSION = 2  # of fastest paths, of one robot too: raise it when their bits change
 
-KEPT_CELLS = 34.0  # cells², assumed: contact is at 25, and moves overlap in time
+GAP_M = 0.0083  # assumed: between robots, as moves overlap in time
 GRAIN_S = 2.0**-4  # of delays
 UNREACHABLE = np.iinfo(np.uint16).max  # delay of a state without a way to the targets
-_FAR_CELLS = 75  # cells²: nearer than KEPT_CELLS no two moves of up to √2 cells come from there
 _SETTLED_S = 1e-3  # change of a value that ends the iteration
 
 
@@ -43,6 +43,9 @@ class PairTimes(NamedTuple):
             and of the second: least time of both together over the sum of `alone`, in `GRAIN_S`;
             `UNREACHABLE` where there is none.
         at: (cells, 2) int64, column and row of each cell.
+        targets: (2,) int64, target cell of each robot.
+        kept: squared distance in cells² that robots keep, see `kept_distances`.
+        parked: the same where one of them is parked and the other one parks.
     """
 
     after: np.ndarray
@@ -50,6 +53,26 @@ class PairTimes(NamedTuple):
     alone: np.ndarray
     delay: np.ndarray
     at: np.ndarray
+    targets: np.ndarray
+    kept: float
+    parked: float
+
+
+def kept_distances(
+    process: Process, targets: np.ndarray, at: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Return the squared distance in cells² that robots keep, and (N, N) that of parked ones.
+
+    Parked robots are as near as their targets.
+
+    Args:
+        process: for the size of robots and cells.
+        targets: (N,) int64, target cell of each robot.
+        at: (cells, 2) int64, column and row of each cell.
+    """
+    kept = (2.0 * math.sqrt(process.squared_radius) + GAP_M / process.cell_m) ** 2
+    between = ((at[targets][:, None] - at[targets]) ** 2).sum(axis=2)
+    return kept, np.minimum(kept, between)
 
 
 @inlined
@@ -71,36 +94,34 @@ def _nearest(p: int, q: int, p_after: int, q_after: int, at: np.ndarray) -> floa
 
 
 @inlined
-def _keeps_apart(p: int, q: int, p_after: int, q_after: int, at: np.ndarray) -> bool:
+def _keeps_apart(times: PairTimes, p: int, q: int, p_after: int, q_after: int) -> bool:
     """Return whether two robots may move from cells p and q at once.
 
-    They keep `KEPT_CELLS`, or where they are nearer already move apart.
+    They keep `kept_distances`, or where they are nearer already move apart.
     """
+    at, targets, kept = times.at, times.targets, times.kept
     before, ended = squared_distance(p, q, at), squared_distance(p_after, q_after, at)
-    if min(before, ended) >= _FAR_CELLS:
+    if min(before, ended) >= (math.sqrt(kept) + 2.0 * math.sqrt(2.0)) ** 2:  # moves of up to √2
         return True
-    if ended < KEPT_CELLS and ended <= before:
+    one_is_parked = p == targets[0] or q == targets[1]
+    if one_is_parked and p_after == targets[0] and q_after == targets[1]:
+        kept = times.parked
+    if ended < kept and ended <= before:
         return False
-    return _nearest(p, q, p_after, q_after, at) >= min(KEPT_CELLS, float(before)) - 1e-9
+    return _nearest(p, q, p_after, q_after, at) >= min(kept, float(before)) - 1e-9
 
 
 @kernel
-def _sweep(
-    after: np.ndarray,
-    seconds: np.ndarray,
-    order: np.ndarray,
-    free: np.ndarray,
-    at: np.ndarray,
-    value: np.ndarray,
-) -> float:
+def _sweep(times: PairTimes, order: np.ndarray, free: np.ndarray, value: np.ndarray) -> float:
     """Update all states once, in place; return the largest change in s.
 
     Args:
-        after, seconds, at: see `PairTimes`.
+        times: without delays.
         order: (2, cells) int64, cells of each robot by its time alone, the nearest first.
         free: (cells, cells) bool, cells in which robots may be and continue.
         value: (cells, AXIS_COUNT, cells, AXIS_COUNT) float32 in s; updated.
     """
+    after, seconds = times.after, times.seconds
     cells, changed = after.shape[1], 0.0
     best, new = np.empty(AXIS_COUNT), np.empty((AXIS_COUNT, AXIS_COUNT))
     for state in range(cells * cells):
@@ -116,7 +137,7 @@ def _sweep(
             best[:] = np.inf
             for b in range(q_choices):
                 q_after = after[1, q, b]
-                if q_after == BLOCKED or not _keeps_apart(p, q, p_after, q_after, at):
+                if q_after == BLOCKED or not _keeps_apart(times, p, q, p_after, q_after):
                     continue
                 rest = value[p_after, a % AXIS_COUNT, q_after, b % AXIS_COUNT]
                 if rest == np.inf:
@@ -149,24 +170,28 @@ def move_seconds(moves: ObservedMoves) -> np.ndarray:
     return mean_seconds(moves)[kinds]
 
 
-def block_targets(after: np.ndarray, at: np.ndarray) -> None:
-    """Let no move lead next to another robot's target cell, because robots would drift into it.
+def board_of(process: Process) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the moves, the cells and the targets of robots that plan.
 
-    Args:
-        after: (N, cells, 8) int64, see `agent.mdp.joint.cells_after`; updated.
-        at: (cells, 2) int64, column and row of each cell.
+    No move leads next to another robot's target cell, because robots would drift into it.
+
+    Returns:
+        (N, cells, 8) int64, see `agent.mdp.joint.cells_after`; (cells, 2) int64, column and row of
+        each cell; (N,) int64, target cell of each robot.
     """
-    targets = [np.flatnonzero(own[:, 0] == np.arange(len(at))) for own in after]
+    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
+    cells, rows = after.shape[1], process.terrain.shape[2] - 2
+    at = np.stack(np.divmod(np.arange(cells), rows), axis=1)
+    targets = (after[:, :, 0] == np.arange(cells)).argmax(axis=1)
     for own, other in itertools.permutations(range(len(after)), 2):
-        away = abs(at - at[targets[other], None]).max(axis=2).min(axis=0)
+        away = abs(at - at[targets[other]]).max(axis=1)
         enters = (away[after[own]] <= 1) & (away[after[own]] <= away[:, None])
         after[own] = np.where(enters, BLOCKED, after[own])
+    return after, at, targets
 
 
 def moves_of_pair(process: Process, moves: ObservedMoves) -> PairTimes:
     """Return a pair's costs of moves and of single robots, with a delay of 0 everywhere.
-
-    No move leads next to the other one's target cell, because robots would drift into it.
 
     Args:
         process: of two robots.
@@ -175,18 +200,11 @@ def moves_of_pair(process: Process, moves: ObservedMoves) -> PairTimes:
     Raises:
         MovesError: see `agent.moves.bound.mean_seconds`.
     """
-    after = np.stack([cells_after(process, i) for i in range(2)])
-    cells, rows = after.shape[1], process.terrain.shape[2] - 2
-    at = np.stack(np.divmod(np.arange(cells), rows), axis=1)
-    block_targets(after, at)
-    delay = np.zeros((cells, AXIS_COUNT, cells, AXIS_COUNT), dtype=np.uint16)
-    return PairTimes(
-        after,
-        move_seconds(moves),
-        least_times(process, moves),
-        delay,
-        at,
-    )
+    after, at, targets = board_of(process)
+    kept, parked = kept_distances(process, targets, at)
+    delay = np.zeros((len(at), AXIS_COUNT) * 2, dtype=np.uint16)
+    seconds, alone = move_seconds(moves), least_times(process, moves)
+    return PairTimes(after, seconds, alone, delay, at, targets, kept, float(parked[0, 1]))
 
 
 def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
@@ -205,7 +223,7 @@ def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
     value = np.full(times.delay.shape, np.inf, dtype=np.float32)
     value[np.argwhere(end)[:, 0], :, np.argwhere(end)[:, 1]] = 0.0
     order = alone.min(axis=2).argsort(axis=1, kind="stable")
-    while _sweep(times.after, times.seconds, order, free, times.at, value) > _SETTLED_S:
+    while _sweep(times, order, free, value) > _SETTLED_S:
         pass
     value -= np.where(np.isfinite(alone[0]), alone[0], 0.0).astype(np.float32)[:, :, None, None]
     value -= np.where(np.isfinite(alone[1]), alone[1], 0.0).astype(np.float32)
@@ -266,9 +284,9 @@ def pair_values(
             if q_after == BLOCKED:
                 continue
             apart = (
-                _keeps_apart(p, q, p_after, q_after, at)
-                and (not q_driven or _keeps_apart(p, q_after, p_after, q_after, at))
-                and (not p_driven or _keeps_apart(p_after, q, p_after, q_after, at))
+                _keeps_apart(times, p, q, p_after, q_after)
+                and (not q_driven or _keeps_apart(times, p, q_after, p_after, q_after))
+                and (not p_driven or _keeps_apart(times, p_after, q, p_after, q_after))
             )
             if not apart:
                 near = np.float32(IMPOSSIBLE + _nearest(p, q, p_after, q_after, at))

@@ -1,6 +1,6 @@
 """Tables of episodes: the episodes of a row, its statistics, and its text."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -131,13 +131,9 @@ class StudyLine:
         """Return the episodes, the first ones of the sample first."""
         return [Job(self.case, index) for index in self.indices]
 
-    def known(self, store: EpisodeStore) -> dict[int, EpisodeResult]:
-        """Return the completed prefix of the sample."""
-        return store.file(self.case).completed_prefix(self.indices)
-
     def results(self, store: EpisodeStore) -> dict[int, EpisodeResult]:
         """Return the episodes that count: the completed prefix, up to the decision of the claim."""
-        known = self.known(store)
+        known = store.file(self.case).completed_prefix(self.indices)
         count = None if self.claim is None else self.claim.judge(known.values()).episodes
         return dict(islice(known.items(), count))
 
@@ -186,41 +182,36 @@ def simulate(
 ) -> None:
     """Simulate the missing episodes of all rows at once, so that rows share batches.
 
-    Rows with a claim follow one by one, each until its claim is decided.
+    Rows with a claim follow one by one, each in its order until its claim is decided.
     """
-    jobs = [job for line in lines if line.claim is None for job in line.jobs()]
-    for _ in run(jobs, store, EPISODES, where, may_begin=may_begin, progress=progress):
+
+    def compute(jobs: list[Job], may_begin: Callable[[], bool]) -> Iterator[EpisodeResult]:
+        ended = run(jobs, store, EPISODES, where, may_begin=may_begin, progress=progress)
+        return (result for _, result in ended)
+
+    def judge(line: StudyLine, claim: Claim) -> JudgedClaim:
+        known = store.file(line.case).completed_prefix(line.indices)
+        return claim.judge(known.values())
+
+    together = [job for line in lines if line.claim is None for job in line.jobs()]
+    for _ in compute(together, may_begin):
         pass
     for line in lines:
-        if line.claim is not None:
-            _until_decided(line, line.claim, store, where, may_begin, progress)
+        if (claim := line.claim) is None:
+            continue
+        judged = judge(line, claim)
 
+        def undecided() -> bool:
+            return judged.verdict == "undecided" and may_begin()  # noqa: B023 - of this line
 
-def _until_decided(
-    line: StudyLine,
-    claim: Claim,
-    store: EpisodeStore,
-    where: Workers,
-    may_begin: Callable[[], bool],
-    progress: Progress,
-) -> None:
-    """Simulate missing episodes of a row in their order until its claim is decided."""
-
-    def judge() -> JudgedClaim:
-        return claim.judge(line.known(store).values())
-
-    def undecided() -> bool:
-        return judged.verdict == "undecided" and may_begin()
-
-    judged = judge()
-    while undecided():
-        jobs = [job for job in line.jobs()[: judged.enough] if store.find(job) is None]
-        if not jobs:
-            return
-        for _, result in run(jobs, store, EPISODES, where, may_begin=undecided, progress=progress):
-            if result.outcome in claim.against:
-                judged = judge()
-        judged = judge()
+        while undecided():
+            jobs = [job for job in line.jobs()[: judged.enough] if store.find(job) is None]
+            if not jobs:
+                break
+            for result in compute(jobs, undecided):
+                if result.outcome in claim.against:
+                    judged = judge(line, claim)
+            judged = judge(line, claim)
 
 
 def record(

@@ -52,32 +52,38 @@ _LONGEST = 2**20  # bytes, far above what is written here
 _FILE = Kind("file of results", "move it away or choose another --out", ResultFileError)
 
 
-class RowFile:
-    """Rows of a case. Reading them changes nothing on disk; the first `append` makes the file.
+class ResultFile:
+    """Episodes of one case. Reading them changes nothing on disk; the first `add` makes the file.
 
     Args:
         path: of the file.
-        header: what the rows belong to; None for what the file says, to read it.
+        header: names the case; None for what the file says, to read it.
 
     Attributes:
         path: of the file.
-        header: what the rows belong to.
-        rows: those that are in the file, in the order in which they came.
+        header: names the case.
+        results: those that are in the file, by index of the start, in the order in which they came.
 
     Raises:
         ResultFileError: the file belongs to something else, or is damaged other than at its end.
     """
 
-    def __init__(self, path: Path, header: Header | None) -> None:
+    def __init__(self, path: Path, header: Header | None = None) -> None:
         # Absolute, as loading an FMU in another thread changes the working directory for a moment.
         self.path, self.header = path.absolute(), header
-        self.rows: list[IndexedResult] = []
+        self.results: dict[int, EpisodeResult] = {}
         self._whole = self._size = 0
         if path.exists():
             self._read()
 
+    @classmethod
+    def of_case(cls, folder: Path, case: Case) -> "ResultFile":
+        """Return the file `<scenario>-<digest>.jsonl` of a case in a folder."""
+        header = Header(**msgspec.structs.asdict(case.identity), digest=case.digest)
+        return cls(folder / f"{header.scenario}-{case.digest}.jsonl", header)
+
     def _read(self) -> None:
-        """Take the rows of the file, its size and how many bytes of it are whole lines."""
+        """Take the results of the file, its size and how many bytes of it are whole lines."""
         require_file(self.path, _FILE)
         number = 0
         with self.path.open("rb") as file:
@@ -87,7 +93,8 @@ class RowFile:
                 number += 1
                 try:
                     if number > 1:
-                        self.rows.append(msgspec.json.decode(line, type=IndexedResult))
+                        row = msgspec.json.decode(line, type=IndexedResult)
+                        self.results[row.index] = row.result
                         continue
                     header = msgspec.json.decode(line, type=Header)
                 except Exception as error:  # whatever a line may be
@@ -104,12 +111,13 @@ class RowFile:
                 raise ResultFileError(f"{self.path}: not a {_FILE.name}; {_FILE.fix}")
             self._size = self._whole + len(line)
 
-    def append(self, row: IndexedResult) -> None:
-        """Keep a row: in one write, so that a killed process leaves whole lines.
+    def add(self, index: int, result: EpisodeResult) -> None:
+        """Keep a result: in one write, so that a killed process leaves whole lines.
 
         Raises:
             ResultFileError: another process has written to the file since this one read it.
         """
+        row = IndexedResult(**msgspec.structs.asdict(result), index=index)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self.path.open("ab", buffering=0) as file:
             with contextlib.suppress(OSError):  # of a file system without locks
@@ -127,31 +135,7 @@ class RowFile:
             if self._size < self._whole + len(line):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
             self._whole = self._size
-        self.rows.append(row)
-
-
-def _line(row: msgspec.Struct) -> bytes:
-    return msgspec.json.encode(row) + b"\n"
-
-
-class ResultFile:
-    """Episodes of one case.
-
-    Attributes:
-        case: of the episodes.
-        path: of the file, `<scenario>-<digest>.jsonl`.
-        results: those that are in the file, by index of the start.
-
-    Raises:
-        ResultFileError: see `RowFile`.
-    """
-
-    def __init__(self, folder: Path, case: Case) -> None:
-        self.case = case
-        self.path = folder / f"{case.policy.config.scenario.name}-{case.digest}.jsonl"
-        header = Header(**msgspec.structs.asdict(case.identity), digest=case.digest)
-        self._file = RowFile(self.path, header)
-        self.results = {row.index: row.result for row in self._file.rows}
+        self.results[index] = result
 
     def completed_prefix(self, indices: Iterable[int]) -> dict[int, EpisodeResult]:
         """Return the completed prefix of a sample of starts, by index of the start.
@@ -160,10 +144,9 @@ class ResultFile:
         """
         return {k: self.results[k] for k in takewhile(self.results.__contains__, indices)}
 
-    def add(self, index: int, result: EpisodeResult) -> None:
-        """Keep a result."""
-        self._file.append(IndexedResult(**msgspec.structs.asdict(result), index=index))
-        self.results[index] = result
+
+def _line(row: msgspec.Struct) -> bytes:
+    return msgspec.json.encode(row) + b"\n"
 
 
 class EpisodeStore:
@@ -181,7 +164,7 @@ class EpisodeStore:
     def file(self, case: Case) -> ResultFile:
         """Return the episodes of a case, read from its file at the first call."""
         if case.digest not in self._files:
-            self._files[case.digest] = ResultFile(self.folder, case)
+            self._files[case.digest] = ResultFile.of_case(self.folder, case)
         return self._files[case.digest]
 
     def find(self, job: Job) -> EpisodeResult | None:
@@ -208,10 +191,11 @@ def export(folder: Path, path: Path) -> None:
     """
     rows: list[dict[str, Any]] = []
     for file in sorted(folder.glob("*.jsonl")):
-        found = RowFile(file, None)
+        found = ResultFile(file)
         of_case = msgspec.structs.asdict(found.header) if found.header else {}
         of_case |= of_case.pop("parameters", {})
-        rows += [of_case | msgspec.structs.asdict(row) for row in found.rows]
+        results = found.results.items()
+        rows += [of_case | msgspec.structs.asdict(row) | {"index": k} for k, row in results]
     if not rows:
         raise ResultFileError(f"{folder}: has no results of episodes; name a folder that has some")
     write_parquet(path, rows)

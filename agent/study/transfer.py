@@ -1,18 +1,20 @@
-"""Measure policies of each method in the full dynamics: the table of docs/transfer.md.
+"""Tables of methods in the full dynamics: docs/transfer.md, and in other worlds docs/robustness.md.
 
-The command line is `minirobots transfer`.
+The command lines are `minirobots transfer` and `minirobots robustness`.
 """
 
 import operator
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from rich.console import Console
 from rich.markdown import Markdown
 
 from agent.evaluation.statistics import Interval, interval_text
+from agent.study.axes import AXES, Axis, points
 from agent.study.episodes import (
     MEASURES,
     METHOD,
@@ -21,36 +23,59 @@ from agent.study.episodes import (
     PATH_RATIO,
     SCENARIO,
     SHIELD,
+    SPEED,
     EpisodesRow,
+    Row,
     StudyLine,
     case_of,
     interval_of,
     simulate,
 )
+from agent.study.plot import draw_measure
 from agent.study.policies import trained
 from agent.study.store import EpisodeStore
 from agent.training.settings import COMPARED, METHODS
 from cosim.base.jobs import Workers, until
 from cosim.base.progress import Progress, silent
+from cosim.base.storage import replacing
+from cosim.base.table import field, write_report
 from cosim.base.table import markdown as table_text
 from cosim.base.table import show as show_table
-from cosim.base.table import write_report
 from cosim.model.built_in import PAPER
 from cosim.model.params import TABLE_I
 from cosim.model.scenario_file import find_scenario
+from cosim.model.world import World
 from cosim.simulation.options import SimulationOptions
 
 MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
 _DETAILED = "moves"  # method with rows of every friction coefficient, and with goals
-# Episodes of a pair in rows of that method at the default friction, and of all other rows.
+# Episodes of a pair in rows of that method at the default friction, and of other rows.
 _MANY, _SOME, QUICK_EPISODES = 200, 50, 2
 _SUCCESS, _PATH_RATIO = 0.99, 1.25  # goals of the best method
 COLUMNS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
+OF_WORLDS = (
+    field("axis", heading="not ideal"),
+    field("value"),
+    METHOD,
+    SHIELD,
+    SPEED,
+    *OUTCOMES,
+    *MEASURES,
+)
 
 
 class TransferRow(EpisodesRow, frozen=True, kw_only=True):
     """A row of transfer.json: of a method."""
 
+    method: str
+
+
+class RobustnessRow(EpisodesRow, frozen=True, kw_only=True):
+    """A row of robustness.json: a method in a world, see `agent.study.axes.AxisPoint`."""
+
+    axis: str
+    value: str
+    world: World
     method: str
 
 
@@ -79,16 +104,38 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-class TransferReport(msgspec.Struct, frozen=True, kw_only=True):
-    """The content of transfer.json."""
+class MethodsReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What reports of methods have in common."""
 
     schema_version: int = 1
     seed: int | None
     complete: bool
+
+
+class TransferReport(MethodsReport, frozen=True, kw_only=True):
+    """The content of transfer.json."""
+
     episode_wall_s: float
     simulated: int
     goals: tuple[Goal, ...]
     rows: tuple[TransferRow, ...]
+
+
+class RobustnessReport(MethodsReport, frozen=True, kw_only=True):
+    """The content of robustness.json."""
+
+    scenario: str
+    rows: tuple[RobustnessRow, ...]
+
+
+def _report(
+    lines: Sequence[StudyLine], form: type[Row], store: EpisodeStore, seed: int, **how: Any
+) -> dict[str, Any]:
+    """Return fields of a `MethodsReport`; `how` is that of `simulate`."""
+    simulate(lines, store, **how)
+    rows = tuple(line.row(store, form) for line in lines)
+    complete = all(row.episodes == row.planned for row in rows)
+    return {"rows": rows, "seed": seed if rows else None, "complete": complete}
 
 
 def transfer(
@@ -117,15 +164,14 @@ def transfer(
                 wanted = len(case.starts) if policy.config.scenario.robots == 1 else _MANY
             indices = case.sample(min(wanted, len(case.starts)))
             lines.append(StudyLine(case, indices, {"method": method}))
-    simulate(lines, store, where, may_begin=may_begin, progress=progress)
-    rows = tuple(line.row(store, TransferRow) for line in lines)
+    how = {"where": where, "may_begin": may_begin, "progress": progress}
+    fields = _report(lines, TransferRow, store, seed, **how)
+    rows: tuple[TransferRow, ...] = fields["rows"]
     report = TransferReport(
-        seed=seed if rows else None,
-        complete=all(row.episodes == row.planned for row in rows),
+        **fields,
         episode_wall_s=sum(row.wall_s for row in rows),
         simulated=sum(len(store.file(line.case).results) for line in lines),
         goals=tuple(goals(row for row in rows if row.method == _DETAILED)),
-        rows=rows,
     )
     write_report(out / "transfer", report, markdown(report))
     return report
@@ -182,3 +228,46 @@ def goals(best: Iterable[TransferRow]) -> list[Goal]:
             )
         )
     return found
+
+
+def robustness(
+    out: Path,
+    world: World,
+    *,
+    scenario: str = "4",
+    axes: Collection[Axis] = AXES,
+    methods: Collection[str] = COMPARED,
+    episodes: int | None = None,
+    quick: bool = False,
+    seed: int = 0,
+    budget_minutes: float | None = None,
+    where: Workers = Workers(),  # noqa: B008 - a constant
+    progress: Progress = silent,
+) -> RobustnessReport:
+    """Simulate the missing rows of the table, and write it with its plot.
+
+    Arguments are options of the command, `world` the one in which nothing is ideal.
+    """
+    may_begin, store = until(budget_minutes), EpisodeStore(out / "results")
+    wanted = QUICK_EPISODES if quick else episodes or _SOME
+    board, lines = find_scenario(scenario, ideal=True), []
+    policies = {m: trained(m, board, out, seed, progress) for m in COMPARED if m in methods}
+    for point in (p for axis in AXES if axis in axes for p in points(axis, board, world)):
+        for method, policy in policies.items():
+            for shield in (False, True) if point.axis == "everything" else (False,):
+                options = SimulationOptions(shield=shield)
+                case = case_of(policy, options, seed, world=point.world, progress=progress)
+                indices = case.sample(min(wanted, len(case.starts)))
+                lines.append(StudyLine(case, indices, {**point._asdict(), "method": method}))
+    how = {"where": where, "may_begin": may_begin, "progress": progress}
+    report = RobustnessReport(
+        scenario=scenario, **_report(lines, RobustnessRow, store, seed, **how)
+    )
+    write_report(out / "robustness", report, table_text(OF_WORLDS, report.rows))
+    unshielded = [row for row in report.rows if not row.shield]
+    panels = {axis: [r for r in unshielded if r.axis == axis] for axis in AXES if axis in axes}
+    title = f"scenario {scenario}, without the shield; bars: 95 %, Wilson"
+    figure = draw_measure(panels, lambda row: row.value, lambda row: row.method, title=title)
+    with replacing(out / "robustness.png") as temporary:
+        figure.savefig(temporary, format="png", dpi=150)
+    return report

@@ -28,7 +28,7 @@ from agent.study.episodes import (
 from agent.study.plot import QUANTITIES, draw_map, draw_measure
 from agent.study.policies import name_of, policy_of
 from agent.study.store import EpisodeStore
-from cosim.base.arguments import ConfigError, require_one_of, taken, taken_seed
+from cosim.base.arguments import ConfigError, plain_of, require_one_of, taken, taken_seed
 from cosim.base.errors import UserError
 from cosim.base.jobs import Backend, Workers, until
 from cosim.base.progress import Progress, automatic, showing, silent
@@ -276,12 +276,10 @@ def study(
     report, judged = progress or silent, claim_of(claim, confidence)
     where = Workers(jobs=jobs, backend=backend, address=address)
     named = _named(policies)
+    scenario = plain_of("scenario", scenario)
     scenarios = scenario if isinstance(scenario, list | tuple) else [scenario]
     folder: Path | None = taken("out", out, Path | None)
-    given = {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in {"world": world, **options}.items()
-    }
+    given = {name: plain_of(name, value) for name, value in {"world": world, **options}.items()}
     axes = {name: value for name, value in given.items() if isinstance(value, list)}
     if not (named and scenarios and all(axes.values())):
         raise ConfigError("policies, scenarios and every axis need at least one value each")

@@ -9,8 +9,7 @@ import numpy as np
 from agent.mdp.exact import Evaluation, some_starts
 from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.joint import IMPOSSIBLE
-from agent.mdp.optimum import Bound, require_paths
-from agent.mdp.readings import build_process
+from agent.mdp.optimum import require_paths
 from agent.moves.group import MOST_CELLS, MOST_TIMES, Group, evaluate_group, group_of, plan
 from agent.training.pair_policy import alone_maps, numbered
 from agent.training.policy import PolicyConfig, read_policy
@@ -62,8 +61,7 @@ class GroupPolicy(GreedyPolicy):
                 "choose a method that learns, such as moves"
             )
         policy = cls(config)
-        alone = policy.group.around[:, 0].min(axis=2).astype(float)
-        require_paths(build_process(config.scenario, config.process), Bound(alone, alone, True))
+        require_paths(policy.process, policy.group.around[:, 0].min(axis=2), alone=True)
         return policy
 
     @cached_property

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from agent.mdp.exact import cell_map, evaluate, some_starts
+from agent.mdp.optimum import require_paths_alone
 from agent.mdp.readings import build_process
 from agent.moves.model import MoveModel, build_model
 from agent.training.learning import (
@@ -122,7 +124,10 @@ def move_model(config: PolicyConfig) -> MoveModel | None:
     if config.moves is None:
         return None
     scenario = config.scenario
-    contact_m = scenario.robot_diameter_m + config.process.clearance_m
+    # parked robots do not touch: where their targets are near, the clearance is half of the gap
+    gap_m = pdist(scenario.targets).min(initial=np.inf) * scenario.cell_m
+    clearance_m = min(config.process.clearance_m, 0.5 * (gap_m - scenario.robot_diameter_m))
+    contact_m = scenario.robot_diameter_m + clearance_m
     return build_model(config.moves, contact_m / scenario.cell_m)
 
 
@@ -134,10 +139,12 @@ def run_training(task: PolicyConfig, *, progress: ProgressCallback | None = None
         progress: called after every chunk.
 
     Raises:
-        UserError: the scenario cannot be used with these interpretations.
+        UserError: the scenario cannot be used with these interpretations, or a robot has a start
+            without a path to its target.
     """
     config = task.learning
     process, model = build_process(task.scenario, task.process), move_model(task)
+    require_paths_alone(process)
     learning = build_learning(config)
     state = initial_state(process, config, task.seed.sequence())
     evaluations = greedy_episodes(config)

@@ -10,8 +10,16 @@ from agent.mdp.exact import Evaluation, joint_starts
 from agent.mdp.greedy import GreedyPolicy, PolicyError
 from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.joint import BLOCKED
+from agent.mdp.optimum import require_paths
 from agent.mdp.readings import build_process
-from agent.moves.pair import PairTimes, evaluate_pair, moves_of_pair, pair_values, solve_pair
+from agent.moves.pair import (
+    UNREACHABLE,
+    PairTimes,
+    evaluate_pair,
+    moves_of_pair,
+    pair_values,
+    solve_pair,
+)
 from agent.training.policy import PolicyConfig, read_policy
 from cosim.base.provenance import digest_of
 from cosim.model.scenario import Scenario
@@ -80,10 +88,14 @@ class PairPolicy(GreedyPolicy):
 
         Raises:
             MovesError: not every kind of move was observed.
+            UserError: there is a start without a path to the targets.
         """
         assert config.moves is not None
         process = build_process(config.scenario, config.process)
-        return cls(config, solve_pair(process, config.moves).delay)
+        delay = solve_pair(process, config.moves).delay
+        begun = delay[:, STARTING_AXIS, :, STARTING_AXIS]
+        require_paths(process, np.where(begun == UNREACHABLE, np.inf, begun))
+        return cls(config, delay)
 
     @cached_property
     def times(self) -> PairTimes:

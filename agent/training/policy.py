@@ -61,7 +61,8 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     version names the version of what made it.
 
     Raises:
-        ScenarioError: an interpretation of the process has no effect on what it is trained on.
+        ScenarioError: an interpretation of the process has no effect on what it is trained on, or
+            the moves were observed on cells of another size.
         PolicyError: there is an objective, and something is said of learning, or moves are given
             where they do not matter or missing where they do.
     """
@@ -78,6 +79,12 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         where = "training on the grid" if self.moves is None else "training on moves"
         refuse_without_effect(self.process, where)
+        if self.moves is not None and self.moves.cell_m != self.scenario.cell_m:
+            raise ScenarioError(
+                f"moves = those on cells of {self.moves.cell_m:g} m do not fit scenario "
+                f"{self.scenario.name} with cells of {self.scenario.cell_m:g} m; observe some with "
+                f"`minirobots moves --cell {self.scenario.cell_m:g}`"
+            )
         asked_as_ever = self.moves is not None and self.moves.rl_step_s == TIMING.rl_step_s
         if asked_as_ever and self.process.reward_per == "time":
             raise ScenarioError(

@@ -9,6 +9,7 @@
 Where runs are computed is `cosim.base.backends`, the command `minirobots train`.
 """
 
+import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -17,10 +18,11 @@ import msgspec
 import numpy as np
 
 from agent.mdp.config import ProcessConfig
+from agent.mdp.greedy import PolicyError
 from agent.mdp.readings import build_process
 from agent.moves.model import ObservedMoves
 from agent.training.loop import TrainingLog
-from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.policy import Policy, PolicyConfig, Seed, read_policy
 from agent.training.recording import write_training
 from agent.training.settings import LearningConfig
 from agent.training.store import POLICY_FILE, config_digest, load_run, save_run, train_policy
@@ -120,7 +122,7 @@ def train_runs(
         All runs in their order.
 
     Raises:
-        RunsError: the folder belongs to another configuration.
+        RunsError: the folder belongs to another configuration, or has runs of another version.
         ScenarioError: the scenario cannot be used with these readings.
         BackendError: see `cosim.base.backends.sweep`.
         OSError: the folder cannot be written.
@@ -128,7 +130,7 @@ def train_runs(
     out = out.absolute()
     build_process(experiment.scenario, experiment.process)  # refuse here, not in every worker
     tasks = [RunTask(config, number) for number, config in enumerate(experiment.configs())]
-    _claim(out, experiment)
+    _claim(out, experiment, tasks)
     store = _Runs(experiment.seed, out)
     for one in tasks:
         (out / run_name(one.run)).mkdir(exist_ok=True)
@@ -192,8 +194,8 @@ def policy_paths(out: Path) -> list[Path]:
     return sorted(out.glob(f"run_*/{POLICY_FILE}"))
 
 
-def _claim(out: Path, experiment: Experiment) -> None:
-    """Make the folder this experiment's, or refuse."""
+def _claim(out: Path, experiment: Experiment, tasks: Sequence[RunTask]) -> None:
+    """Make the folder this experiment's, or refuse; damaged runs are trained again."""
     path = out / EXPERIMENT_FILE
     if not path.exists():
         write_json(path, experiment)
@@ -202,3 +204,11 @@ def _claim(out: Path, experiment: Experiment) -> None:
             f"{path}: belongs to another configuration; give the options it was started with or "
             "choose another --out"
         )
+    for task in tasks:
+        policy = out / run_name(task.run) / POLICY_FILE
+        with contextlib.suppress(PolicyError):
+            if policy.exists() and read_policy(policy, ())[0] != task.config:
+                raise RunsError(
+                    f"{policy}: was trained by another version, whose results differ; choose "
+                    "another --out to train again"
+                )

@@ -32,7 +32,7 @@ def taken(name: str, value: Any, kind: Any, error: type[UserError] = ConfigError
     Raises:
         UserError: `error`, which names the argument, its value and what is expected.
     """
-    plain = _plain(value)
+    plain = plain_of(name, value, error)
     if isinstance(plain, PurePath) and kind is str:
         plain = str(plain)
     if get_origin(kind) is tuple and isinstance(plain, str | dict):
@@ -97,13 +97,23 @@ def _hints(kind: type) -> dict[str, Any]:
     return get_type_hints(kind)
 
 
-def _plain(value: Any) -> Any:
+def plain_of(name: str, value: Any, error: type[UserError] = ConfigError) -> Any:
+    """Return an argument with Python's numbers and lists in place of those of NumPy.
+
+    Raises:
+        UserError: `error`, a value of an array is masked.
+    """
     if isinstance(value, np.generic | np.ndarray):
+        if np.ma.is_masked(value):
+            raise error(f"{name} = {shown(value)} has a masked value; leave it out")
         return value.tolist()
     if isinstance(value, Mapping):
-        return {_plain(key): _plain(v) for key, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        parts = value.items()
+        return {plain_of(name, k, error): plain_of(name, v, error) for k, v in parts}
+    if isinstance(value, list):
+        return [plain_of(name, v, error) for v in value]
+    if isinstance(value, tuple):
+        return tuple(plain_of(name, v, error) for v in value)
     return value
 
 

@@ -166,6 +166,21 @@ class Scenario:
                     f"of {100 * self.robot_diameter_m:.1f} cm touches an obstacle; move one of them"
                 )
 
+    def require_free_starts(self) -> None:
+        """Refuse starts in cells that no centre may enter, and on the robot's own target.
+
+        Raises:
+            ScenarioError: it names the first of them.
+        """
+        taken = {*self.targets, *self._closed}
+        for robot, cells in enumerate(self.starts):
+            for cell in cells:
+                if cell in taken:
+                    raise ScenarioError(
+                        f"scenario {self.name}: starts[{robot}] has cell {cell}, which is a target "
+                        "or in the closed zone; choose a free cell"
+                    )
+
     @property
     def robots(self) -> int:
         """Number of robots N."""

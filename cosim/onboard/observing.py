@@ -87,8 +87,9 @@ def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...
     """Start cells drawn uniformly, again while any two robots would touch.
 
     Raises:
-        ScenarioError: `DRAWS` times two of them do.
+        ScenarioError: `DRAWS` times two of them do, or a start is not free.
     """
+    scenario.require_free_starts()
     contact = distance_thresholds(scenario).contact
     for _ in range(DRAWS):
         starts = tuple(cells[rng.integers(len(cells))] for cells in scenario.starts)

@@ -141,5 +141,6 @@ def draw_episode(
     scenario: Scenario, seed: int, number: int
 ) -> tuple[tuple[Cell, ...], np.random.SeedSequence]:
     """Start cells, and seed of the speed noise, of an episode of a seeded series."""
-    start_seed, noise_seed = np.random.SeedSequence(seed, spawn_key=(number,)).spawn(2)
+    key = number + (number > 0)  # not 1: evaluations draw their noise from that key
+    start_seed, noise_seed = np.random.SeedSequence(seed, spawn_key=(key,)).spawn(2)
     return draw_starts(scenario, np.random.default_rng(start_seed)), noise_seed

@@ -41,7 +41,7 @@ def run(options: BoundOptions, _: Progress) -> dict[str, Any]:
     scenario = find_scenario(options.scenario)
     process = build_process(scenario, options.process)
     bound = optimum(process)
-    require_paths(process, bound)
+    require_paths(process, bound.path_cells, alone=bound.relaxed)
     starts = joint_starts(process)
     path_cells, steps = (float(mean.mean()) for mean in bound.of_starts(starts, scenario.rows))
     return {

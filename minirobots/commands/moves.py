@@ -10,8 +10,9 @@ import tyro
 from agent.moves.worlds import RANGES, WorldRange
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError
+from cosim.model.scenario import Scenario
 from cosim.simulation.options import DecisionOptions, Physics
-from minirobots.options import Count, File, IsolatedOptions, Jobs, Seed, ending
+from minirobots.options import Count, File, IsolatedOptions, Jobs, Positive, Seed, ending
 
 
 class ObserveMoves(IsolatedOptions):
@@ -30,6 +31,8 @@ class ObserveMoves(IsolatedOptions):
     """Let every walk drive in a world of its own, drawn from the ranges below."""
     ranges: Annotated[WorldRange, tyro.conf.arg(name="worlds")] = RANGES
     """Ranges that worlds are drawn from uniformly, see docs/robustness.md."""
+    cell: Annotated[Positive, tyro.conf.arg(metavar="M")] = Scenario.cell_m
+    """Edge of a cell in m, that of the scenario to train in."""
     seed: Seed = 0
     jobs: Jobs = -1
     physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
@@ -62,6 +65,7 @@ def run(options: ObserveMoves, progress: Progress) -> Iterator[Any]:
         moves_per_kind=options.moves,
         seed=options.seed,
         worlds=checked_ranges(options.ranges, config) if options.worlds else None,
+        cell_m=options.cell,
         jobs=workers(options.jobs),
         progress=progress,
     )

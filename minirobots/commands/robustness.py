@@ -17,8 +17,9 @@ class Robustness(Distributed, Resumable):
 
     Worlds deviate from the ideal in one thing at a time (friction, patches, motors, camera, delay,
     noise, load, slope, bouncing feet), and in everything at once, then also with the shield. Every
-    episode is kept when it ends: the same command resumes, and with --budget-minutes 0 it only
-    writes the table and the plot of existing results.
+    episode is kept when it ends: the same command resumes, and with --budget-minutes 0 it starts no
+    episode and writes the table and the plot of existing results. Policies and calibrations that
+    are missing are made first.
     """
 
     out: Folder = Path("runs/robustness")
@@ -53,10 +54,10 @@ class Robustness(Distributed, Resumable):
 def run(options: Robustness, progress: Progress) -> Iterator[Any]:
     """Simulate missing episodes, write the table and the plot, and print the table."""
     world = read_world(options.world)
-    from agent.study.robustness import COLUMNS, robustness
+    from agent.study.transfer import OF_WORLDS, robustness
     from cosim.base.table import show
 
     report = robustness(**options.arguments(world=world), progress=progress)
     yield report
-    show(COLUMNS, report.rows, names=5)
+    show(OF_WORLDS, report.rows, names=5)
     print(f"table in {options.out}/: robustness.json, robustness.md, robustness.png")

@@ -15,7 +15,8 @@ class Study(Distributed, Resumable):
     """Measure policies in every combination of scenarios, worlds and options of a TOML file.
 
     docs/studies.md describes the file. Every episode is kept when it ends: the same command
-    resumes, and with --budget-minutes 0 it only writes the tables of existing results.
+    resumes, and with --budget-minutes 0 it starts no episode and writes the tables of existing
+    results. Policies and calibrations that are missing are made first.
     """
 
     file: Annotated[Path, tyro.conf.Positional]

@@ -17,7 +17,8 @@ class Transfer(Distributed, Resumable):
 
     Rows are scenarios 1a to 4, methods, friction coefficients, and the shield off and on; the most
     important ones come first. Every episode is kept when it ends: the same command resumes, and
-    with --budget-minutes 0 it only writes the table of existing results.
+    with --budget-minutes 0 it starts no episode and writes the table of existing results. Policies
+    and calibrations that are missing are made first.
     """
 
     out: Folder = Path("runs/transfer")

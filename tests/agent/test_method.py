@@ -80,9 +80,9 @@ def test_moves_are_observed_with_the_motor_parameters_that_are_given(moves, monk
 def test_moves_are_observed_in_the_worlds_that_are_given(moves, monkeypatch):
     seen = []
     monkeypatch.setattr(methods, "calibrated_slower", lambda config, *_: config)
-    monkeypatch.setattr(methods, "cached_moves", lambda *given: seen.append(given[-1]) or moves)
+    monkeypatch.setattr(methods, "cached_moves", lambda *given: seen.append(given[3:]) or moves)
     config = method_config("moves", find_scenario("4"), worlds=WorldRange(restitution=(0.1, 0.2)))
-    assert seen == [WorldRange(mu=(0.15, 0.15), restitution=(0.1, 0.2))]
+    assert seen == [(WorldRange(mu=(0.15, 0.15), restitution=(0.1, 0.2)), 0.01)]
     assert method_of(config) == "moves"
     with pytest.raises(UserError, match="worlds has no effect on method paper"):
         agent.train("1a", method="paper", worlds=WorldRange())

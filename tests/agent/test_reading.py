@@ -203,12 +203,12 @@ def test_a_damaged_line_of_results_is_named(seeds, tmp_path, line):
     policy = Policy.load(seeds["policy"][0])
     case = Case(policy, CoSimConfig(), cached_fmu(), 0)
     path, header = (
-        ResultFile(tmp_path, case).path,
+        ResultFile.of_case(tmp_path, case).path,
         Header(**msgspec.structs.asdict(case.identity), digest=case.digest),
     )
     path.write_bytes(msgspec.json.encode(header) + b"\n" + line + b"\n")
     with pytest.raises(UserError, match="line 2 is damaged"):
-        ResultFile(tmp_path, case)
+        ResultFile.of_case(tmp_path, case)
 
 
 @pytest.mark.usefixtures("fresh_cache")

@@ -6,11 +6,14 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
 from agent.training.loop import TrainingLog
+from agent.training.policy import Policy
 from cosim.base.command import parse
 from minirobots.commands.train import Train
 
@@ -71,6 +74,20 @@ def test_train_then_evaluate(command, tmp_path):
     before = (out / "run_000" / "policy.npz").stat().st_mtime_ns
     assert command("train", *options)[0] == 0
     assert (out / "run_000" / "policy.npz").stat().st_mtime_ns == before
+
+
+def test_runs_of_another_version_are_not_replaced(command, tmp_path):
+    options = ("--scenario", "1a", "--out", tmp_path, "--jobs", 1, *SHORT)
+    assert command("train", *options)[0] == 0
+    path = tmp_path / "run_000" / "policy.npz"
+    policy = Policy.load(path)
+    config = msgspec.structs.replace(policy.config, kernel_version="older")
+    replace(policy, config=config).save(path)
+    before = path.read_bytes()
+    status, _, errors = command("train", *options)
+    assert (status, errors.count("\n")) == (2, 1)
+    assert "was trained by another version" in errors
+    assert path.read_bytes() == before
 
 
 @pytest.mark.long

@@ -12,9 +12,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import agent.envs
-from agent.envs.boards import ActionError, StartsError
+from agent.envs.boards import ActionError, StartsError, StateError
 from agent.envs.drive import DriveBoards, DriveEnv, DriveVectorEnv
-from agent.envs.state import StateError
 from agent.envs.vector import RobotsVectorEnv
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError

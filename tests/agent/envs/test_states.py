@@ -15,10 +15,9 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import agent.envs
 from agent import envs
-from agent.envs.boards import StartsError
+from agent.envs.boards import ClosedError, StartsError, StateError
 from agent.envs.drive import DriveEnv, DriveVectorEnv
 from agent.envs.dynamics import CoSimBoards
-from agent.envs.state import ClosedError, StateError
 from agent.envs.vector import RobotsVectorEnv
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError

@@ -2,14 +2,17 @@
 
 import contextlib
 import io
+from dataclasses import fields
 
 import pytest
 
 from agent.evaluation import grid as evaluate
-from agent.evaluation.statistics import Statistics
+from agent.evaluation.statistics import Statistics, rate
 from agent.experiments import results as experiments
+from agent.mdp.exact import joint_starts
 from agent.study import evaluate as evaluation
 from agent.study import transfer
+from agent.training.policy import Policy
 from cosim.base.table import show_texts
 from cosim.model.outcome import Outcome
 from cosim.model.world import IDEAL
@@ -111,6 +114,38 @@ def test_policies_on_the_grid():
     assert "1 more failing starts" in text
     whole = ["scenario", "98.76%", "1.23%", "43.21", "39.87", "1.012", "1.034", "out of board"]
     assert [word for word in whole if word not in text] == []
+
+
+def test_a_sample_of_the_starts_is_not_called_exact(near_policy):
+    """As of planned policies, which evaluate some of their starts only."""
+
+    class Sampled(Policy):
+        def evaluate(self, starts=None):
+            return super().evaluate(joint_starts(self.process)[:2] if starts is None else starts)
+
+    whole = evaluate.measure("whole", near_policy)
+    assert (whole.starts, whole.success_low, whole.success_high) == (4, None, None)
+    part = evaluate.measure("part", Sampled(**vars_of(near_policy)))
+    assert (part.starts, part.success_low, part.success_high) == (2, *rate(2, 2)[1:])
+    text = printed(evaluate.show, evaluate.GridReport(policies=(whole, part), over_policies={}))
+    assert "sample of 2: 34.24% to 100.00%" in text
+
+
+def vars_of(policy):
+    return {field.name: getattr(policy, field.name) for field in fields(policy)}
+
+
+def test_differences_are_those_of_the_variant_from_its_reference():
+    def variant(*successes):
+        runs = [evaluate.PolicyMeasures(policy="", scenario="4", starts=1, **GRID | {
+            "success": s, "path_length_cm": 10.0 + 2.0 * s, "steps": 3.0 - s}, failing_starts=0)
+            for s in successes]  # fmt: skip
+        return experiments.VariantResult("", "4", tuple(runs), {})
+
+    of = {"new": variant(0.9, 0.8), "old": variant(0.5, 0.2)}
+    found = experiments.differences(of, {"new": "old"})["new"]
+    means = {measure: statistics.mean for measure, statistics in found.items()}
+    assert means == pytest.approx({"success": 0.5, "path_length_cm": 1.0, "steps": -0.5})
 
 
 def test_experiments():

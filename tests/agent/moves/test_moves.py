@@ -27,6 +27,7 @@ from agent.training.moves_qlearning import _discounts
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
+from cosim.base.errors import UserError
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.model.params import TIMING
@@ -417,6 +418,21 @@ def test_rewards_per_time_pay_for_two_seconds(rl_step_s):
     process = build_process(SMALL, ProcessConfig(reward_per="time"))
     discounts = _discounts(process, model, np.float32(0.9))
     assert discounts[1] == pytest.approx(0.9 ** (rl_step_s / 2.0), rel=1e-6)
+
+
+def test_moves_are_observed_on_the_cells_of_the_scenario(monkeypatch, tmp_path):
+    monkeypatch.setattr(observe_module, "WALKS", 1)
+    small, large = (
+        observe_moves(CoSimConfig(), cached_fmu(), moves_per_kind=1, cell_m=cell_m, jobs=1)
+        for cell_m in (0.01, 0.02)
+    )
+    driven_s = [np.mean([m.duration_s - m.turn_s for m in of.moves]) for of in (small, large)]
+    assert driven_s[1] == pytest.approx(2.0 * driven_s[0], rel=0.2)
+    assert all((m.columns, m.rows) == tuple(DIRECTIONS[m.direction]) for m in large.moves)
+    large.save(tmp_path / "moves.json")
+    assert ObservedMoves.load(tmp_path / "moves.json").cell_m == 0.02
+    with pytest.raises(UserError, match=r"cells of 0.02 m do not fit scenario .* --cell 0.01"):
+        PolicyConfig(SMALL, ProcessConfig(), LearningConfig(), Seed(0), large)
 
 
 def test_moves_are_observed_in_the_co_simulation(monkeypatch):

@@ -13,7 +13,7 @@ from agent.evaluation.cases import Case
 from agent.evaluation.outcomes import summary
 from agent.evaluation.statistics import rate
 from agent.study.evaluate import EvaluationReport, evaluate
-from agent.study.store import ResultFile, ResultFileError, RowFile, export
+from agent.study.store import ResultFile, ResultFileError, export
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
 from cosim.model.config import CoSimConfig
@@ -48,10 +48,9 @@ def run(near_file, out, *, starts=None, recordings=0, jobs=1, **physics):
 
 def results(path: Path) -> dict[int, EpisodeResult]:
     """Results of a file without the time that they took."""
-    rows = RowFile(path, None).rows
     return {
-        row.index: msgspec.structs.replace(row.result, realtime_factor=1.0, recording=None)
-        for row in rows
+        index: msgspec.structs.replace(result, realtime_factor=1.0, recording=None)
+        for index, result in ResultFile(path).results.items()
     }
 
 
@@ -127,17 +126,17 @@ def test_every_configuration_has_its_own_file(near_policy, motor_fmu, tmp_path):
         replace(case, seed=1),
         replace(case, policy=other_policy),
     ]
-    files = [ResultFile(tmp_path, c) for c in (case, *others)]
+    files = [ResultFile.of_case(tmp_path, c) for c in (case, *others)]
     assert len({file.path for file in files}) == 4
     assert not any(file.path.exists() for file in files)  # nothing is kept yet
     for file in files:
         file.add(0, RESULT)
     files[0].path.replace(files[1].path)
     with pytest.raises(ResultFileError, match="holds results of another configuration"):
-        ResultFile(tmp_path, others[0])
+        ResultFile.of_case(tmp_path, others[0])
     files[2].path.write_bytes(files[2].path.read_bytes() + b'{"index":1}\n')
     with pytest.raises(ResultFileError, match="line 3 is damaged"):
-        ResultFile(tmp_path, others[1])
+        ResultFile.of_case(tmp_path, others[1])
 
 
 def read_only(folder):
@@ -148,13 +147,13 @@ def read_only(folder):
 @pytest.mark.parametrize("kept", [0, 20, -20, -1])
 def test_reading_writes_nothing_and_appending_repairs_the_end(case, tmp_path, kept):
     """Whether the last line, or the first one, was cut off."""
-    path = ResultFile(tmp_path, case).path
+    path = ResultFile.of_case(tmp_path, case).path
     assert not path.exists()
-    ResultFile(tmp_path, case).add(0, RESULT)
+    ResultFile.of_case(tmp_path, case).add(0, RESULT)
     whole = path.read_bytes()
     path.write_bytes(whole[:kept])
     before = read_only(tmp_path)
-    file = ResultFile(tmp_path, case)
+    file = ResultFile.of_case(tmp_path, case)
     assert file.results == {}
     assert read_only(tmp_path) == before
     file.add(0, RESULT)
@@ -162,24 +161,24 @@ def test_reading_writes_nothing_and_appending_repairs_the_end(case, tmp_path, ke
 
 
 def test_a_file_of_something_else_is_kept(case, tmp_path):
-    path = ResultFile(tmp_path, case).path
+    path = ResultFile.of_case(tmp_path, case).path
     path.write_bytes(b"notes without an end")
     with pytest.raises(ResultFileError, match="not a file of results; move it away"):
-        ResultFile(tmp_path, case)
+        ResultFile.of_case(tmp_path, case)
     assert path.read_bytes() == b"notes without an end"
 
 
 def test_a_second_writer_is_refused(case, tmp_path):
-    first, second = ResultFile(tmp_path, case), ResultFile(tmp_path, case)
+    first, second = ResultFile.of_case(tmp_path, case), ResultFile.of_case(tmp_path, case)
     first.add(0, RESULT)
     with pytest.raises(ResultFileError, match="another process writes to this file"):
         second.add(1, RESULT)
     first.add(2, RESULT)
-    assert list(ResultFile(tmp_path, case).results) == [0, 2]
+    assert list(ResultFile.of_case(tmp_path, case).results) == [0, 2]
 
 
 def test_a_row_that_does_not_fit_is_an_error_and_leaves_whole_lines(case, tmp_path):
-    file = ResultFile(tmp_path, case)
+    file = ResultFile.of_case(tmp_path, case)
     file.add(0, RESULT)
     whole = file.path.read_bytes()
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -193,7 +192,7 @@ def test_a_row_that_does_not_fit_is_an_error_and_leaves_whole_lines(case, tmp_pa
         signal.signal(signal.SIGXFSZ, signalled)
     file.add(2, RESULT)
     assert file.path.read_bytes().startswith(whole)
-    assert list(ResultFile(tmp_path, case).results) == [0, 2]
+    assert list(ResultFile.of_case(tmp_path, case).results) == [0, 2]
 
 
 @pytest.mark.parametrize(

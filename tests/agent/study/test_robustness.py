@@ -7,8 +7,8 @@ import pytest
 
 from agent.study.axes import AXES, points
 from agent.study.episodes import EPISODES
-from agent.study.robustness import COLUMNS, RobustnessReport, robustness
 from agent.study.store import EpisodeStore
+from agent.study.transfer import OF_WORLDS, RobustnessReport, robustness
 from cosim.base.errors import UserError
 from cosim.base.table import markdown
 from cosim.model.scenario_file import find_scenario, in_world, read_world
@@ -69,8 +69,8 @@ def test_rows_are_methods_in_worlds(report, board):
         assert row.success_low < row.success_high
     out = board.parent / "out"
     assert msgspec.json.decode((out / "robustness.json").read_bytes(), type=RobustnessReport)
-    assert (out / "robustness.md").read_text() == markdown(COLUMNS, report.rows) + "\n"
-    assert len(markdown(COLUMNS, report.rows).splitlines()) == 2 + len(report.rows)
+    assert (out / "robustness.md").read_text() == markdown(OF_WORLDS, report.rows) + "\n"
+    assert len(markdown(OF_WORLDS, report.rows).splitlines()) == 2 + len(report.rows)
     assert (out / "robustness.png").stat().st_size > 10_000
 
 

@@ -91,7 +91,7 @@ def test_a_row_counts_the_beginning_of_its_sample(tmp_path, motor_fmu):
     scenario = Scenario("six", "", ((4, 4),), (starts,), columns=14, rows=14, zone=(0, 0, 0, 0))
     config = PolicyConfig(scenario, ProcessConfig(), LearningConfig(episodes=1), Seed(0))
     case = Case(train_policy(config)[0], CoSimConfig(), motor_fmu, 0)
-    file, indices = ResultFile(tmp_path, case), case.sample(6)
+    file, indices = ResultFile.of_case(tmp_path, case), case.sample(6)
     for place in (0, 1, 3, 5):
         file.add(indices[place], PLAIN)
     assert list(file.completed_prefix(indices)) == indices[:2]

@@ -3,6 +3,8 @@
 import importlib
 import json
 import sys
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -10,13 +12,16 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
+from agent.evaluation.cases import Case
 from agent.study.policies import ObjectPolicy, policy_of
 from agent.study.store import EpisodeStore
 from agent.study.user import StudyTable, evaluate, read_study, study
 from cosim.base.errors import UserError
 from cosim.base.provenance import identity_of
+from cosim.model.config import CoSimConfig
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import World
+from cosim.simulation.simulate import draw_episode, simulate
 from tests.agent.conftest import NEAR
 
 LIMIT_S = 4.0
@@ -228,10 +233,37 @@ def test_evaluate_takes_one_value_of_each_and_starts_that_exist(monkeypatch):
             evaluate(Stubborn(), NEAR, mu=mu)
 
 
-def test_an_array_is_an_axis():
-    noise = np.linspace(0.0, 0.05, 2)
-    table = study(Stubborn(), (NEAR,), episodes=1, jobs=1, time_limit=2.0, noise=noise)
-    assert [row.options for row in table.rows] == [{"noise": 0.0}, {"noise": 0.05}]
+@pytest.mark.parametrize("of_numpy", [np.asarray, list, lambda n: list(n.astype(np.float32))])
+def test_an_array_or_a_list_of_its_numbers_is_an_axis(of_numpy, tmp_path):
+    noise, scenarios = of_numpy(np.array([0.0, 0.0625])), np.array(["1a"])
+    options = {"episodes": 1, "jobs": 1, "time_limit": 2.0, "noise": noise}
+    table = study(Stubborn(), scenarios, out=tmp_path, **options)
+    assert [row.options for row in table.rows] == [{"noise": 0.0}, {"noise": 0.0625}]
+    rows = json.loads((tmp_path / "study.json").read_text("utf-8"))["rows"]
+    assert [row["noise"] for row in rows] == [0.0, 0.0625]
+
+
+@pytest.mark.parametrize(
+    "values", [np.ma.masked_equal([0.1, 0.15], 0.1), [np.ma.masked, 0.15], np.ma.masked]
+)
+def test_a_masked_value_is_refused(values):
+    with pytest.raises(UserError, match=r"mu = .* has a masked value"):
+        study(Stubborn(), NEAR, mu=values)
+
+
+@pytest.mark.parametrize("cell", [(3, 6), (10, 6)])
+def test_a_start_on_a_target_is_refused_wherever_it_is_used(cell):
+    scenario = replace(NEAR, starts=((cell,), NEAR.starts[1]))
+    for call in (simulate, partial(evaluate, starts=1)):
+        with pytest.raises(UserError, match=r"starts\[0\] has cell .* a free cell"):
+            call(policy=Stubborn(), scenario=scenario)
+
+
+def test_episodes_of_a_series_share_no_seed_with_an_evaluation(near_policy, motor_fmu):
+    case = Case(near_policy, CoSimConfig(), motor_fmu, 7)
+    series = [draw_episode(NEAR, 7, number)[1] for number in range(4)]
+    seeds = [*series, *(case.noise_seed(index) for index in range(4))]
+    assert len({tuple(seed.generate_state(4)) for seed in seeds}) == len(seeds)
 
 
 class Careless(Stubborn):
