@@ -14,13 +14,15 @@ import pytest
 from rerun.chunk import RrdReader
 
 from cosim.coupling.fmu import FmuError
-from cosim.coupling.rl_step import Decision
-from cosim.coupling.signals import RawSamples, Samples
+from cosim.coupling.rl_step import Decision, Step
+from cosim.coupling.signals import RawSamples, Samples, new_raw_samples, new_samples
 from cosim.model.config import CoSimConfig
+from cosim.model.outcome import Outcome
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Patch, World
+from cosim.onboard.features import Observation
 from cosim.onboard.steering import MODE_NAMES
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
@@ -28,7 +30,7 @@ from cosim.recording.file import Kept, Recording, RecordingError, properties, sc
 from cosim.recording.levels import DETAILS, with_bursts
 from cosim.recording.policy_map import PolicyMap
 from cosim.recording.reader import read_episode
-from cosim.recording.rrd import read_rrd
+from cosim.recording.rrd import RecordingReadError, read_rrd
 from cosim.recording.scene import ROBOT_COLOURS, ink_on, map_colours, robot_colour, shades
 from cosim.recording.series import OUTCOME
 from cosim.recording.stretch import Stretch
@@ -105,6 +107,36 @@ def test_short_rl_steps_have_no_more_bursts(motor_fmu, tmp_path):
     assert len(time_s) == 2 * round(config.timing.burst_s / config.timing.dt_s)
     assert time_s[[0, len(time_s) // 2]] == pytest.approx([1e-5, 2.0 + 1e-5])
     assert len(rows(path, "/sim/r1/motors/omega")[0]) == 2200
+
+
+@pytest.mark.parametrize("rl_step_s", [0.1, 2.0])
+def test_trails_grow_with_the_time(rl_step_s):
+    """Pieces of 2 s, of which the views show those of the last 10 minutes, for any RL step."""
+    seen = Observation(np.zeros((2, 2), dtype=int), *np.zeros((3, 2), dtype=int))
+    periods = round(1e3 * rl_step_s)
+    config = DecisionOptions(rl_step=rl_step_s).deciding(CoSimConfig())
+    kept, pieces, samples = Kept(), [], new_samples(periods, 2)
+    with EpisodeRecorder(kept, SCENARIO, config, "test", {}, level="summary") as recorder:
+        for number in range(round(60.0 / rl_step_s)):
+            time_s = 1e-3 * (number * periods + np.arange(1, periods + 1))
+            position = np.full((periods, 2, 3), 0.05)
+            position[:, 0, 0] += 1e-3 * time_s
+            recorder.write(
+                Step(
+                    *(number, 100 * number * periods, seen, seen, np.array([0, 4])),
+                    *(*np.zeros((2, 2), dtype=bool), samples._replace(position=position)),
+                    *(RawSamples(*new_raw_samples(0, 2)), np.zeros(2), Outcome.RUNNING, rl_step_s),
+                    *(np.zeros(2), (0, 1), np.empty((0, 2, 7))),
+                )
+            )
+    for chunk in kept.chunks:
+        batch = chunk.to_record_batch()
+        if chunk.entity_path == "/world/r1/trail" and not chunk.is_static:
+            pieces += [np.array(row[0]) for row in batch["LineStrips3D:strips"].to_pylist()]
+    assert [len(piece) for piece in pieces] == [5] * 30
+    track = np.concatenate([piece[1:, 0] for piece in pieces])
+    assert track == pytest.approx(0.05 + 1e-3 * 0.5 * np.arange(1, 121), abs=1e-6)
+    assert [piece[0, 0] for piece in pieces[1:]] == [piece[-1, 0] for piece in pieces[:-1]]
 
 
 def test_file_is_complete(recorded):
@@ -476,6 +508,17 @@ def test_signals_may_be_empty(tmp_path, values):
         file.columns("/sim/r1/heading", simulated(np.arange(float(len(values)))), scalars(values))
     assert verified(path)
     assert len(read_rrd(path).signals["/sim/r1/heading"].values) == len(values)
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_recording_without_a_first_signal_is_refused_in_one_sentence(tmp_path, named):
+    path = tmp_path / "episode.rrd"
+    with Recording(path, "test", None) as file:
+        file.properties("episode", {"seed": 0})
+        if named:
+            file.columns("/sim/r1/heading", simulated(np.zeros(0)), scalars(np.zeros(0)))
+    with pytest.raises(RecordingReadError, match="ends before the first signals of its episode"):
+        read_episode(path)
 
 
 def test_unwritable_folder_is_named():
