@@ -78,6 +78,10 @@ def greedy(values: np.ndarray, facing: np.ndarray) -> np.ndarray:
     return actions
 
 
+# Of the action values of computed policies; those of learnt ones are sums of rewards.
+_UNITS = {"shortest": "cells", "fastest": "s", "planned": "s"}
+
+
 class PolicyError(UserError):
     """Invalid policy file. The message names the file and how to fix it."""
 
@@ -150,7 +154,8 @@ class GreedyPolicy(ABC):
         facing = np.ascontiguousarray(observation.direction, np.int64)
         values = self.q_values(observation)
         shown = np.where(values > 0.5 * IMPOSSIBLE, values, np.nan)
-        return Decision(greedy(values, facing), shown)
+        unit = _UNITS.get(getattr(self.config, "objective", None), "1")
+        return Decision(greedy(values, facing), shown, unit)
 
     def reward_parts(self, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
         """(N, 3) float64, reward of a co-simulated step by parts, see `agent.mdp.rewards`."""

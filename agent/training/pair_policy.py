@@ -44,7 +44,7 @@ def alone_maps(
         value = -own[:, STARTING_AXIS]
         known = np.isfinite(value) & (value < 0.0)
         layers = np.where(known, value, 0.0), action, known.astype(float)
-        found.append(PolicyMap(*(layer.reshape(shape) for layer in layers), unit="s"))
+        found.append(PolicyMap(*(layer.reshape(shape) for layer in layers)))
     return found
 
 

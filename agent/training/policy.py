@@ -185,9 +185,7 @@ class Policy(GreedyPolicy):
     def maps(self) -> list[PolicyMap]:
         """Return maps of each robot's table over the cells of the board, for pictures."""
         tables = zip(self.values, self.visits, strict=True)
-        maps = [cell_map(self.process, values, visits) for values, visits in tables]
-        unit = {"shortest": "cells", "fastest": "s"}.get(self.config.objective or "", "1")
-        return [cells._replace(unit=unit) for cells in maps]
+        return [cell_map(self.process, values, visits) for values, visits in tables]
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Tables, visits and generator state."""

@@ -39,15 +39,18 @@ class Decision(NamedTuple):
     Attributes:
         action: (N,) direction index of each robot.
         values: (N, 8) action values that the action was chosen by; None if the policy has none.
+        unit: of the values; sums of rewards have none, "1".
     """
 
     action: np.ndarray
     values: np.ndarray | None = None
+    unit: str = "1"
 
     def of(self, robots: Sequence[int]) -> "Decision":
         """The decision on some of the robots."""
         chosen, values = np.array(robots, dtype=int), self.values
-        return Decision(np.asarray(self.action)[chosen], None if values is None else values[chosen])
+        values = None if values is None else values[chosen]
+        return self._replace(action=np.asarray(self.action)[chosen], values=values)
 
 
 class SupportsAct(Protocol):

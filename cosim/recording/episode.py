@@ -110,6 +110,7 @@ class EpisodeRecorder:
         self._signals = signals_of(self._distances, camera=camera, loop=loop)
         self._return = np.zeros(count)
         self._modes = np.full(count, -1.0)
+        self._valued: set[str] = set()  # entities of action values with a unit
         self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
         self._stretch: list[_Decided] = []
         self._stretch_s = 0.0
@@ -156,8 +157,8 @@ class EpisodeRecorder:
         file.properties("episode", facts | known)
         file.properties("parameters", self._config.table())
         robot, patches = self._config.robot, self._config.world.mu_patches
-        q_unit, signals = policies[0].unit if policies else "1", tuple(self._signals)
-        file.send(_unchanging(scenario, robot, patches, signals, self._sampled, q_unit))
+        signals = tuple(self._signals)
+        file.send(_unchanging(scenario, robot, patches, signals, self._sampled))
         file.states(OUTCOME, simulated(np.zeros(1)), [STILL_RUNNING])
         self._write_label(0.0, STILL_RUNNING)
         for name, policy in zip(self._names, policies, strict=False):
@@ -321,7 +322,11 @@ class EpisodeRecorder:
         self._file.states(f"/rl/{name}/action", times, actions)
         values = [d.values[robot] for d in decisions if d.values is not None]
         if len(values) == len(decisions):
-            self._file.columns(f"/rl/{name}/q_s", times, scalars(np.array(values)))
+            entity = f"/rl/{name}/q_s"
+            if entity not in self._valued:
+                self._file.static(entity, rr.AnyValues(unit=decisions[0].unit))
+                self._valued.add(entity)
+            self._file.columns(entity, times, scalars(np.array(values)))
             greedy = [DIRECTION_NAMES[int(d.action[robot])] for d in decisions]
             self._file.states(f"/rl/{name}/greedy", times, greedy)
         if steps[-1].outcome:
@@ -403,12 +408,11 @@ def _unchanging(
     patches: tuple[Patch, ...],
     signals: tuple[SignalSpec, ...],
     sampled: tuple[int, ...],
-    q_unit: str,
 ) -> list[Chunk]:
     """Return the scene and the styles of all signals."""
     kept = Kept()
     write_scene(kept, scenario, robot, patches, sampled)
-    write_styles(kept, signals, sampled, q_unit)
+    write_styles(kept, signals, sampled)
     return kept.chunks
 
 

@@ -4,7 +4,6 @@ The words are for people. Programs read the states, of entities named in `cosim.
 """
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,8 +70,7 @@ class EpisodeLog:
         self._names, n = robot_names(self._sampled), len(self._sampled)
         self._walls_m = scenario.walls * scenario.cell_m
         self._moving = np.zeros(n, dtype=bool)
-        self._touched_s = dict.fromkeys(combinations(range(n), 2), -np.inf)
-        self._obstacle_s = np.full(n, -np.inf)
+        self._touched_s: dict[tuple[int, int], float] = {}  # last time of pairs; of one, a wall
 
     def lines(self, step: Step, reward: np.ndarray) -> list[Line]:
         """Lines of an RL step in the order of time.
@@ -89,7 +87,7 @@ class EpisodeLog:
             for robot in np.flatnonzero(step.decided)
             for told in self._decision(step, int(robot))
         ]
-        lines += sorted([*self._contacts(step, start_s), *self._obstacles(step, start_s)])
+        lines += sorted(self._contacts(step, start_s))
         failed = step.outcome in ("collision", "out_of_board") and step.action >= 0
         for robot in np.flatnonzero(step.completed | failed):
             where = tuple(step.after.cells[robot].tolist())
@@ -118,39 +116,30 @@ class EpisodeLog:
         return [("WARN", text, entity, GIVEN_UP), decided]
 
     def _contacts(self, step: Step, start_s: float) -> Iterator[Line]:
-        """Pairs that begin to touch, and how far apart their centres are."""
+        """Pairs and robots at obstacles that begin to touch, and where."""
         touching, position = step.samples.touching_share > 0.0, step.samples.position[..., :2]
-        reach_m = REACH * self._config.robot.diameter_m
-        for i, j in self._touched_s:
-            both = np.flatnonzero(touching[:, i] & touching[:, j])
-            for period in both:
-                time_s = start_s + (period + 1) * self._config.timing.control_period_s
-                distance_m = float(np.linalg.norm(position[period, i] - position[period, j]))
-                if distance_m > reach_m:
-                    continue
-                if time_s - self._touched_s[i, j] > NEW_CONTACT_S:
-                    text = (
-                        f"{self._names[i]} and {self._names[j]} touch at {time_s:.3f} s: "
-                        f"centres {100.0 * distance_m:.2f} cm apart, diameter "
-                        f"{100.0 * self._config.robot.diameter_m:.2f} cm"
-                    )
-                    yield Line(time_s, step.number, "WARN", text)
-                self._touched_s[i, j] = time_s
-
-    def _obstacles(self, step: Step, start_s: float) -> Iterator[Line]:
-        """Robots that begin to touch an obstacle, and where."""
-        for robot, period in np.argwhere((step.samples.touching_share > 0.0).T).tolist():
-            x, y = step.samples.position[period, robot, :2]
-            if not self._at_obstacle(x, y):
-                continue
+        diameter_m, names = self._config.robot.diameter_m, self._names
+        for period, robot in np.argwhere(touching).tolist():
             time_s = start_s + (period + 1) * self._config.timing.control_period_s
-            if time_s - self._obstacle_s[robot] > NEW_CONTACT_S:
-                place = f"({100.0 * x:.2f}, {100.0 * y:.2f}) cm"
-                text = (
-                    f"{self._names[robot]} touches an obstacle at {time_s:.3f} s: centre at {place}"
+            texts, (x, y) = {}, position[period, robot]
+            for other in range(robot):
+                distance_m = float(
+                    np.linalg.norm(position[period, other] - position[period, robot])
                 )
-                yield Line(time_s, step.number, "WARN", text)
-            self._obstacle_s[robot] = time_s
+                if touching[period, other] and distance_m <= REACH * diameter_m:
+                    texts[other, robot] = (
+                        f"{names[other]} and {names[robot]} touch at {time_s:.3f} s: centres "
+                        f"{100.0 * distance_m:.2f} cm apart, diameter {100.0 * diameter_m:.2f} cm"
+                    )
+            if self._at_obstacle(x, y):
+                texts[robot, robot] = (
+                    f"{names[robot]} touches an obstacle at {time_s:.3f} s: centre at "
+                    f"({100.0 * x:.2f}, {100.0 * y:.2f}) cm"
+                )
+            for pair, text in texts.items():
+                if time_s - self._touched_s.get(pair, -np.inf) > NEW_CONTACT_S:
+                    yield Line(time_s, step.number, "WARN", text)
+                self._touched_s[pair] = time_s
 
     def _at_obstacle(self, x: float, y: float) -> bool:
         reach_m = REACH * self._config.robot.diameter_m / 2.0

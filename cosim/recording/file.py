@@ -15,7 +15,6 @@ import os
 import shutil
 import sys
 import weakref
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -43,16 +42,16 @@ class RecordingError(UserError):
     """Error in writing a recording. The message names the file and how to fix it."""
 
 
-class Sink(ABC):
+class Sink:
     """Makes chunks of what a recording is to hold; `send` takes them."""
 
     def __init__(self) -> None:
         rr.set_strict_mode(True)
         self._gathered: dict[str, list[Chunk]] = {}  # of each entity, to be one
 
-    @abstractmethod
     def send(self, chunks: Iterable[Chunk]) -> None:
         """Take chunks."""
+        raise NotImplementedError
 
     def static(self, entity: str, *what: rr.AsComponents) -> None:
         """Take data that holds for the whole recording."""
@@ -89,7 +88,6 @@ class Sink(ABC):
         """Write out the data so far."""
         self.send_rows()
 
-    @abstractmethod
     def check_space(self) -> None:
         """Raise RecordingError if there will soon be no room for more."""
 
@@ -116,9 +114,6 @@ class Kept(Sink):
     def send(self, chunks: Iterable[Chunk]) -> None:
         """See `Sink.send`."""
         self.chunks += chunks
-
-    def check_space(self) -> None:
-        """Return at once: data in memory needs no disk."""
 
     def write(self, path: Path) -> None:
         """Write a file.

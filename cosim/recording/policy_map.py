@@ -12,10 +12,8 @@ class PolicyMap(NamedTuple):
         value: largest action value, mean over the cell's states weighted by visits.
         action: greedy direction index in the state visited most.
         visits: decisions made in the cell while learning.
-        unit: of the policy's action values; rewards have none.
     """
 
     value: np.ndarray
     action: np.ndarray
     visits: np.ndarray
-    unit: str = "1"

@@ -4,6 +4,7 @@ How the maps of a policy come out of a robot's table is the agent's; here they a
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -73,56 +74,41 @@ def write_scene(
     if scenario.obstacles:
         walls = scenario.walls.reshape(-1, 2, 2) * cell
         heights = np.full((len(walls), 1), _WALL_HEIGHT_M / 2.0)
-        obstacles = rr.Boxes3D(
-            centers=np.hstack([walls.mean(axis=1), heights]),
-            half_sizes=np.hstack([(walls[:, 1] - walls[:, 0]) / 2.0, heights]),
-            colors=INK,
-            fill_mode="solid",
-        )
-        file.static("/world/obstacles", obstacles)
+        halves = np.hstack([(walls[:, 1] - walls[:, 0]) / 2.0, heights])
+        _write_boxes(file, "obstacles", np.hstack([walls.mean(axis=1), heights]), halves, INK)
     if patches:
-        corners = np.array([patch.cells for patch in patches]) + np.array([0, 0, 1, 1])
-        middles = cell * (corners[:, :2] + corners[:, 2:]) / 2.0
-        halves = cell * (corners[:, 2:] - corners[:, :2]) / 2.0
-        slippery = [patch.mu < robot.mu for patch in patches]
-        floor = rr.Boxes3D(
-            centers=np.column_stack([middles, np.full(len(patches), _PATCH_HEIGHT_M)]),
-            half_sizes=np.column_stack([halves, np.full(len(patches), 0.0001)]),
-            colors=palette([ICE if is_ice else ROUGH for is_ice in slippery]),
-            fill_mode="solid",
-            labels=[f"µ {patch.mu:g}" for patch in patches],
-            show_labels=True,
-        )
-        file.static("/world/patches", floor)
+        corners = cell * (np.array([patch.cells for patch in patches]) + np.array([0, 0, 1, 1]))
+        centres = np.insert((corners[:, :2] + corners[:, 2:]) / 2.0, 2, _PATCH_HEIGHT_M, axis=1)
+        halves = np.insert((corners[:, 2:] - corners[:, :2]) / 2.0, 2, 0.0001, axis=1)
+        colours = palette([ICE if patch.mu < robot.mu else ROUGH for patch in patches])
+        labels = [f"µ {patch.mu:g}" for patch in patches]
+        _write_boxes(file, "patches", centres, halves, colours, labels=labels, show_labels=True)
     all_sampled = len(sampled) == scenario.robots
     colours = [robot_colour(robot) for robot in range(scenario.robots)]
     if not all_sampled:
         of_sampled = {index: robot_colour(k) for k, index in enumerate(sampled)}
         colours = [of_sampled.get(index, GREY) for index in range(scenario.robots)]
         file.static(SWARM, _disc(robot))
-    file.static(
-        "/world/targets",
-        rr.Boxes3D(
-            centers=[(*scenario.centre_m(target), 0.0) for target in scenario.targets],
-            half_sizes=[(cell / 2, cell / 2, 0.0002)] * scenario.robots,
-            colors=palette(colours),
-            fill_mode="solid",
-            labels=[f"target {name}" for name in robot_names(sampled)] if all_sampled else None,
-        ),
-    )
-    for name, index in zip(robot_names(sampled), sampled, strict=True):
-        colour, starts = colours[index], scenario.starts[index]
-        file.static(
-            f"/world/starts/{name}",
-            rr.Boxes3D(
-                centers=[(*scenario.centre_m(start), -0.0002) for start in starts],
-                half_sizes=[(cell / 2, cell / 2, 0.0001)] * len(starts),
-                colors=faint(colour),
-                fill_mode="solid",
-            ),
-        )
+    names, half = robot_names(sampled), cell / 2.0
+    labels = [f"target {name}" for name in names] if all_sampled else None
+    centres = [(*scenario.centre_m(target), 0.0) for target in scenario.targets]
+    halves = [(half, half, 0.0002)] * scenario.robots
+    _write_boxes(file, "targets", centres, halves, palette(colours), labels=labels)
+    for name, index in zip(names, sampled, strict=True):
+        colour = colours[index]
+        centres = [(*scenario.centre_m(start), -0.0002) for start in scenario.starts[index]]
+        halves = [(half, half, 0.0001)] * len(centres)
+        _write_boxes(file, f"starts/{name}", centres, halves, faint(colour))
         _write_robot(file, name, colour, robot)
-        _write_track_styles(file, name, colour)
+
+
+def _write_boxes(
+    file: Sink, name: str, centres: Any, half_sizes: Any, colours: Any, **labels: Any
+) -> None:
+    boxes = rr.Boxes3D(
+        centers=centres, half_sizes=half_sizes, colors=colours, fill_mode="solid", **labels
+    )
+    file.static(f"/world/{name}", boxes)
 
 
 def _disc(robot: RobotParams) -> rr.Mesh3D:
@@ -181,7 +167,8 @@ def _write_robot(file: Sink, name: str, colour: int, robot: RobotParams) -> None
             labels=[name],
         ),
     )
-    file.static(f"{base}/feet", rr.Points3D(foot_positions(robot), radii=0.001, colors=INK))
+    feet = foot_positions(robot)
+    file.static(f"{base}/feet", rr.Points3D(feet, radii=0.001, colors=INK))
     z = robot.motor_axis_height_m - robot.com_height_m
     file.static(
         f"{base}/motors",
@@ -194,36 +181,19 @@ def _write_robot(file: Sink, name: str, colour: int, robot: RobotParams) -> None
             fill_mode="solid",
         ),
     )
-    file.static(
-        f"{base}/motors/masses",
-        rr.Points3D.from_fields(colors=shades(colour, 2), radii=[0.001] * 2),
+    masses = rr.Points3D.from_fields(colors=shades(colour, 2), radii=[0.001] * 2)
+    file.static(f"{base}/motors/masses", masses)
+    top, front = robot.height_m - robot.com_height_m, robot.diameter_m / 2.0
+    heading = rr.Arrows3D(
+        origins=[(0.0, 0.0, top)], vectors=[(front, 0.0, 0.0)], colors=colour, radii=0.001
     )
-    top = robot.height_m - robot.com_height_m
-    file.static(
-        f"{base}/heading",
-        rr.Arrows3D(
-            origins=[(0.0, 0.0, top)],
-            vectors=[(robot.diameter_m / 2.0, 0.0, 0.0)],
-            colors=colour,
-            radii=0.001,
-        ),
-    )
-    feet = foot_positions(robot)
-    file.static(
-        f"{base}/contact",
-        rr.Arrows3D.from_fields(origins=feet, colors=shades(colour, 3), radii=[0.0005] * 3),
-    )
-
-
-def _write_track_styles(file: Sink, name: str, colour: int) -> None:
-    """Styles of what a robot leaves on the floor and intends."""
-    file.static(
-        f"/world/{name}/trail", rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0006])
-    )
-    file.static(
-        f"/world/{name}/visited",
-        rr.Boxes3D.from_fields(colors=[faint(colour)], fill_mode="solid"),
-    )
+    file.static(f"{base}/heading", heading)
+    forces = rr.Arrows3D.from_fields(origins=feet, colors=shades(colour, 3), radii=[0.0005] * 3)
+    file.static(f"{base}/contact", forces)
+    trail = rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0006])
+    file.static(f"/world/{name}/trail", trail)
+    visited = rr.Boxes3D.from_fields(colors=[faint(colour)], fill_mode="solid")
+    file.static(f"/world/{name}/visited", visited)
     file.static(f"/world/{name}/plan", rr.Arrows3D.from_fields(colors=[WHITE], radii=[0.0012]))
 
 

@@ -108,7 +108,7 @@ RAW_SERIES = {
     "friction": (("A x", "A y", "B x", "B y", "C x", "C y"), "N"),
 }
 
-# Signals of decisions below /rl/<robot>; the unit of action values, "q_s", is the policy's.
+# Signals of decisions below /rl/<robot>; decisions say the unit of action values.
 RL_SERIES = {
     "cell": (_XY, "cells"),
     "visited": (("cells",), "cells"),
@@ -116,6 +116,7 @@ RL_SERIES = {
     "reward": (("reward",), "1"),
     "reward_parts": (REWARD_PARTS, "1"),
     "return": (("return",), "1"),
+    "q_s": (DIRECTION_NAMES, ""),
 }
 
 
@@ -136,22 +137,12 @@ def signals_of(distances: bool, *, camera: bool, loop: bool) -> list[SignalSpec]
     ]
 
 
-def write_styles(
-    file: Sink, signals: Sequence[SignalSpec], robots: Sequence[int], q_unit: str
-) -> None:
-    """Log names, units, colours and aggregation of every signal and state of some robots.
-
-    Args:
-        file: recording being written.
-        signals: below /sim.
-        robots: their indices.
-        q_unit: unit of action values.
-    """
+def write_styles(file: Sink, signals: Sequence[SignalSpec], robots: Sequence[int]) -> None:
+    """Log names, units, colours and aggregation of every signal and state of some robots."""
     for robot, name in enumerate(robot_names(robots)):
         series = {f"/sim/{name}/{s.path}": (s.names, s.unit) for s in signals}
         series |= {f"/raw/{name}/{path}": entry for path, entry in RAW_SERIES.items()}
         series |= {f"/rl/{name}/{path}": entry for path, entry in RL_SERIES.items()}
-        series |= {f"/rl/{name}/q_s": (DIRECTION_NAMES, q_unit)}
         for entity, (names, unit) in series.items():
             few = len(names) <= len(_ABC)
             colours = (
@@ -168,7 +159,7 @@ def write_styles(
                     aggregation_policy="MinMax",
                     visible_series=[part != REWARD_PARTS[0] for part in names],
                 ),
-                rr.AnyValues(unit=unit),
+                *([rr.AnyValues(unit=unit)] if unit else []),
             )
         for path, values, colours in (
             ("action", (*DIRECTION_NAMES, ARRIVED, DRIVEN), [*EIGHT, LIGHT, GREY]),

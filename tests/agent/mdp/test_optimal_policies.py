@@ -59,6 +59,7 @@ def test_pairs_keep_to_one_of_several_optimal_joint_moves(collision):
     seen = Observation(*(np.array(v) for v in (((1, 5), (3, 0)), (2, 2), (0, 0), (2, 2))))
     rows = [(1 * 6 + 5) * 30 + 3 * 6 + 0, (3 * 6 + 0) * 30 + 1 * 6 + 5]
     assert policy.states(seen).tolist() == rows
+    assert policy.act(seen).unit == "cells"
 
 
 def test_the_cell_of_a_partner_off_the_board_is_one_at_its_edge():

@@ -191,6 +191,7 @@ def test_a_robot_that_waits_keeps_away_from_a_move_under_way(policy):
 
 def test_directions_that_fail_have_no_value_in_recordings(policy):
     state = ((7, 1, 0), (8, 8, 0))
+    assert policy.act(seen(state)).unit == "s"
     values, shown = policy.q_values(seen(state)), policy.act(seen(state)).values
     assert shown is not None
     assert np.isnan(shown[values < -1e5]).all()
