@@ -60,7 +60,8 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
     """
     rng, sequence = np.random.default_rng(seed), np.random.SeedSequence(seed)
     period_s, steering = config.timing.control_period_s, config.steering
-    largest = steering.max_speed_rad_s + steering.dither_rad_s
+    speeds = steering.turn_speed_rad_s, steering.forward_speed_rad_s, steering.backward_speed_rad_s
+    largest = max(steering.max_speed_rad_s, *speeds) + steering.dither_rad_s
     drawn = draw_world(config.world, config.motor, robots, sequence)
     slope = gravity(config.world, drawn, config.motor.g, config.portable)
     headings = rng.uniform(-np.pi, np.pi, robots)

@@ -18,7 +18,7 @@ from cosim.calibration.stopping import corners
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.params import ESTIMATOR, EstimatorParams
+from cosim.model.params import EstimatorParams
 from cosim.model.world import CAMERA_CHILD, draw_world, generator
 from cosim.onboard.camera import (
     FRAME_SIZE,
@@ -153,6 +153,7 @@ def best_filter(config: CoSimConfig, fmu: MotorFmu) -> tuple[float, float, float
         return drift_m2_s, NOISE_DEVIATIONS + RESERVE * bias, deviation_m
 
     # The usual drift first, then those that are closer to it.
-    found = [judged(ESTIMATOR.position_drift_m2_s * 2.0**k) for k in sorted(_OCTAVES, key=abs)]
+    usual = config.estimator.position_drift_m2_s
+    found = [judged(usual * 2.0**k) for k in sorted(_OCTAVES, key=abs)]
     rooms_m = [deviations * deviation_m for _, deviations, deviation_m in found]
     return next(f for f, m in zip(found, rooms_m, strict=True) if m <= _ENOUGH * min(rooms_m))
