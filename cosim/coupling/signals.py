@@ -79,6 +79,7 @@ class State(NamedTuple):
             cosim.coupling.sampling.
         ended: (STATE_SIZE, B) bodies of episodes that have ended, as they were then.
         boards: (K, 2) extent of each episode's board in m, its corner at the origin.
+        margins_m: (K,) distance from the board's edge at which the shield keeps robots.
         cells_m: (K,) edge of the board's cells.
         obstacles: (K, M, 4) rectangles left, bottom, right, top in m, which stay; infinitely far
             where an episode has fewer.
@@ -119,6 +120,7 @@ class State(NamedTuple):
     events: np.ndarray
     ended: np.ndarray
     boards: np.ndarray
+    margins_m: np.ndarray
     cells_m: np.ndarray
     obstacles: np.ndarray
     forbidden: np.ndarray
@@ -248,6 +250,7 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         events=whole(columns),
         ended=bodies.copy(),
         boards=np.full((episodes, 2), np.inf),
+        margins_m=np.zeros(episodes),
         cells_m=np.ones(episodes),
         obstacles=np.empty((episodes, 0, 4)),
         forbidden=np.empty((columns, 0, 4)),

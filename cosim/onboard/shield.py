@@ -46,6 +46,7 @@ class Ground(NamedTuple):
 
     Attributes:
         board: (2,) extent of the board.
+        margin_m: from its edge, within which feet would be beyond the floor.
         cell_m: edge of a cell.
         obstacles: (M, 4) rectangles.
         forbidden: (B, F, 4) rectangles that each robot's centre may not enter.
@@ -54,6 +55,7 @@ class Ground(NamedTuple):
     """
 
     board: np.ndarray
+    margin_m: float
     cell_m: float
     obstacles: np.ndarray
     forbidden: np.ndarray
@@ -195,11 +197,12 @@ def _room(
     x, y, variance = estimates[i, POSE], estimates[i, POSE + 1], variance_of(estimates[i])
     deviation = math.sqrt(variance)
     alone = params.stopping_m + params.deviations * deviation
-    least, away_x, away_y = x - alone, 1.0, 0.0
+    inside = alone + ground.margin_m
+    least, away_x, away_y = x - inside, 1.0, 0.0
     for room, toward_x, toward_y in (
-        (ground.board[0] - x - alone, -1.0, 0.0),
-        (y - alone, 0.0, 1.0),
-        (ground.board[1] - y - alone, 0.0, -1.0),
+        (ground.board[0] - x - inside, -1.0, 0.0),
+        (y - inside, 0.0, 1.0),
+        (ground.board[1] - y - inside, 0.0, -1.0),
     ):
         if room < least:
             least, away_x, away_y = room, toward_x, toward_y

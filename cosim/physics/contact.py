@@ -13,6 +13,7 @@ import numpy as np
 
 from cosim.base.jit import inlined
 from cosim.model.params import RobotParams
+from cosim.model.world import World
 from cosim.physics.lanes import select
 from cosim.physics.mass import Mass, mass_of
 from cosim.physics.rotation import Vector, dot, plus
@@ -67,6 +68,15 @@ def foot_positions(robot: RobotParams) -> np.ndarray:
     feet[2, :2] = feet[0, 0], -feet[0, 1]  # exact mirror images
     feet[1, 1] = 0.0
     return feet
+
+
+def floor_margin(robot: RobotParams, world: World) -> float:
+    """Return how far the centre of mass is from the edge of a floor with all feet on it, m.
+
+    It is 0 where the floor does not end.
+    """
+    feet = foot_positions(robot)[:, :2] - mass_of(robot, world).centre
+    return float(np.hypot(*feet.T).max()) if world.edge else 0.0
 
 
 def delassus(robot: RobotParams, mass: Mass | None = None) -> np.ndarray:
