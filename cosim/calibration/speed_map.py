@@ -35,51 +35,31 @@ class CalibrationError(UserError):
 
 @dataclass(frozen=True)
 class Curve:
-    """One manoeuvre over motor speed, at equal speeds of both motors.
+    """One manoeuvre over motor speed, at equal speeds of both motors."""
 
-    Attributes:
-        omega_rad_s: (K,) mean motor speed, ascending.
-        mean: (K,) speed in m/s along the heading (backwards positive too) or yaw rate in rad/s
-            towards the manoeuvre's side.
-        scatter: (K,) standard deviation over phases and seeds.
-        airborne_share: (K,) largest share of time in which no foot touched the floor.
-        lifted_share: (K,) mean share of time in which a foot did not.
-    """
-
-    omega_rad_s: np.ndarray
+    omega_rad_s: np.ndarray  # (K,) mean motor speed, ascending
+    # (K,) speed in m/s along the heading (backwards positive too) or yaw rate in rad/s towards the
+    # manoeuvre's side
     mean: np.ndarray
-    scatter: np.ndarray
-    airborne_share: np.ndarray
-    lifted_share: np.ndarray
+    scatter: np.ndarray  # (K,) standard deviation over phases and seeds
+    airborne_share: np.ndarray  # (K,) largest share of time in which no foot touched the floor
+    lifted_share: np.ndarray  # (K,) mean share of time in which a foot did not
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Trials of one robot, T of them; the first axis of every array.
+    """Trials of one robot, T of them; the first axis of every array."""
 
-    Attributes:
-        set_points_rad_s: (T, 2) commanded speeds of motors D and E, without dither.
-        omega_rad_s: (T, 2) mean speeds that the motors had.
-        phase_rad: (T,) initial phase difference between the motors.
-        dithered: (T,) bool, whether the dither of the steering was on.
-        forward_m_s: (T,) mean speed along the heading.
-        lateral_m_s: (T,) mean speed to the left of it.
-        yaw_rate_rad_s: (T,) mean, counter-clockwise positive.
-        airborne_share: (T,) share of time in which no foot touched the floor.
-        lifted_share: (T,) share of time in which a foot did not.
-        restitution: () of the feet.
-    """
-
-    set_points_rad_s: np.ndarray
-    omega_rad_s: np.ndarray
-    phase_rad: np.ndarray
-    dithered: np.ndarray
-    forward_m_s: np.ndarray
-    lateral_m_s: np.ndarray
-    yaw_rate_rad_s: np.ndarray
-    airborne_share: np.ndarray
-    lifted_share: np.ndarray
-    restitution: np.ndarray
+    set_points_rad_s: np.ndarray  # (T, 2) commanded speeds of motors D and E, without dither
+    omega_rad_s: np.ndarray  # (T, 2) mean speeds that the motors had
+    phase_rad: np.ndarray  # (T,) initial phase difference between the motors
+    dithered: np.ndarray  # (T,) bool, whether the dither of the steering was on
+    forward_m_s: np.ndarray  # (T,) mean speed along the heading
+    lateral_m_s: np.ndarray  # (T,) mean speed to the left of it
+    yaw_rate_rad_s: np.ndarray  # (T,) mean, counter-clockwise positive
+    airborne_share: np.ndarray  # (T,) share of time in which no foot touched the floor
+    lifted_share: np.ndarray  # (T,) share of time in which a foot did not
+    restitution: np.ndarray  # () of the feet
 
     def curve(self, manoeuvre: str, *, dithered: bool = True) -> Curve:
         """Speed or yaw rate over motor speed of one of `MANOEUVRES`."""

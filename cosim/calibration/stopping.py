@@ -35,17 +35,11 @@ SLIDES = (
 
 
 class Stops(NamedTuple):
-    """Stops of N robots, n of each.
+    """Stops of N robots, n of each."""
 
-    Attributes:
-        path_m: (N, n) diameter of the path from the look before the stop until rest.
-        rest_s: (N, n) time after which a robot moved less than a micrometre.
-        creep_m_s: (N,) mean speed of a robot that is held after the last stop.
-    """
-
-    path_m: np.ndarray
-    rest_s: np.ndarray
-    creep_m_s: np.ndarray
+    path_m: np.ndarray  # (N, n) diameter of the path from the look before the stop until rest
+    rest_s: np.ndarray  # (N, n) time after which a robot moved less than a micrometre
+    creep_m_s: np.ndarray  # (N,) mean speed of a robot that is held after the last stop
 
 
 def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -> Stops:

@@ -48,17 +48,11 @@ _ENOUGH = 1.1  # room over the least
 
 
 class Tracks(NamedTuple):
-    """Motion of N robots in T control periods.
+    """Motion of N robots in T control periods."""
 
-    Attributes:
-        poses: (T, N, 3) at the start of each period, m and rad.
-        commanded: (T, N, 4) until then, see `cosim.onboard.estimation.odometry`.
-        found: (M, N, NOISE) frames of the camera without noise.
-    """
-
-    poses: np.ndarray
-    commanded: np.ndarray
-    found: np.ndarray
+    poses: np.ndarray  # (T, N, 3) at the start of each period, m and rad
+    commanded: np.ndarray  # (T, N, 4) until then, see `cosim.onboard.estimation.odometry`
+    found: np.ndarray  # (M, N, NOISE) frames of the camera without noise
 
 
 def drive_about(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -> Tracks:

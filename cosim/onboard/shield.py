@@ -42,25 +42,15 @@ ZONE_M = 0.45
 
 
 class Ground(NamedTuple):
-    """Places that robots may not go to; lengths in m, rectangles left, bottom, right, top.
+    """Places that robots may not go to; lengths in m, rectangles left, bottom, right, top."""
 
-    Attributes:
-        board: (2,) extent of the board.
-        margin_m: from its edge, within which feet would be beyond the floor.
-        cell_m: edge of a cell.
-        obstacles: (M, 4) rectangles.
-        forbidden: (B, F, 4) rectangles that each robot's centre may not enter.
-        targets: (B, 4) rectangles that no robot's centre may enter but its owner's.
-        owners: (B,) int64, columns of the owners.
-    """
-
-    board: np.ndarray
-    margin_m: float
-    cell_m: float
-    obstacles: np.ndarray
-    forbidden: np.ndarray
-    targets: np.ndarray
-    owners: np.ndarray
+    board: np.ndarray  # (2,) extent of the board
+    margin_m: float  # from its edge, within which feet would be beyond the floor
+    cell_m: float  # edge of a cell
+    obstacles: np.ndarray  # (M, 4) rectangles
+    forbidden: np.ndarray  # (B, F, 4) rectangles that each robot's centre may not enter
+    targets: np.ndarray  # (B, 4) rectangles that no robot's centre may enter but its owner's
+    owners: np.ndarray  # (B,) int64, columns of the owners
 
 
 @inlined

@@ -30,29 +30,21 @@ Line = tuple[Point, Point]  # both ends
 
 
 class Board(NamedTuple):
-    """Geometry of a scenario; lengths in m.
+    """Geometry of a scenario; lengths in m."""
 
-    Attributes:
-        columns, rows: number of cells.
-        cell_m: edge of a cell.
-        diameter_m: of every robot.
-        margin_m: from the board's edge, within which no move ends.
-        obstacles: (M, 4) float64, rectangles left, bottom, right, top.
-        closed: (N, F, 4) float64, such rectangles that each robot's centre may not enter;
-            infinitely far where a robot has fewer.
-        targets: (N, 4) float64, such rectangles that no robot's centre may enter but its owner's.
-        owners: (N,) int64, the owners.
-    """
-
+    # columns, rows: number of cells
     columns: int
     rows: int
-    cell_m: float
-    diameter_m: float
-    margin_m: float
-    obstacles: np.ndarray
+    cell_m: float  # edge of a cell
+    diameter_m: float  # of every robot
+    margin_m: float  # from the board's edge, within which no move ends
+    obstacles: np.ndarray  # (M, 4) float64, rectangles left, bottom, right, top
+    # (N, F, 4) float64, such rectangles that each robot's centre may not enter; infinitely far
+    # where a robot has fewer
     closed: np.ndarray
+    # (N, 4) float64, such rectangles that no robot's centre may enter but its owner's
     targets: np.ndarray
-    owners: np.ndarray
+    owners: np.ndarray  # (N,) int64, the owners
 
 
 def board_of(scenario: Scenario, margin_m: float = 0.0) -> Board:

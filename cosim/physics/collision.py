@@ -23,17 +23,12 @@ FASTEST_M_S = 1.0  # assumed: no robot is faster
 
 
 class PairParams(NamedTuple):
-    """Contact of robots.
+    """Contact of robots."""
 
-    Attributes:
-        diameter: of each robot in m.
-        mu: friction coefficient between robots, and between robots and obstacles (assumed).
-        near: distance in m from contact, within which it is checked every tick: more than two
-            robots of FASTEST_M_S can close until all are looked at again, a control period later.
-    """
-
-    diameter: float
-    mu: float
+    diameter: float  # of each robot in m
+    mu: float  # friction coefficient between robots, and between robots and obstacles (assumed)
+    # distance in m from contact, within which it is checked every tick: more than two robots of
+    # FASTEST_M_S can close until all are looked at again, a control period later
     near: float
 
 

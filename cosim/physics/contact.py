@@ -34,28 +34,21 @@ NO_FLOOR = -1.0  # in place of a friction coefficient: no floor is below the foo
 
 
 class ContactParams(NamedTuple):
-    """Geometry and step sizes of the contact solver (body frame).
+    """Geometry and step sizes of the contact solver (body frame)."""
 
-    Attributes:
-        a, b, c: positions of feet A, B, C in m; origin: the robot's axis at the height of the
-            centre of mass.
-        mu: Coulomb friction coefficient under each of them, static = kinetic; or NO_FLOOR.
-        step_normal, step_tangential: step sizes of the projected gradient in kg.
-        spin_inertia: friction impulse at a foot, in N s, that changes a spin by 1 rad/s: kg m.
-        tolerance: sweeps end when the impulses, that of the spin included, change by less than
-            this, N s.
-        max_sweeps: bound on the gradient steps of one time step.
-    """
-
+    # a, b, c: positions of feet A, B, C in m; origin: the robot's axis at the height of the centre
+    # of mass
     a: Vector
     b: Vector
     c: Vector
-    mu: Vector
+    mu: Vector  # Coulomb friction coefficient under each of them, static = kinetic; or NO_FLOOR
+    # step_normal, step_tangential: step sizes of the projected gradient in kg
     step_normal: float
     step_tangential: float
-    spin_inertia: float
+    spin_inertia: float  # friction impulse at a foot, in N s, that changes a spin by 1 rad/s: kg m
+    # sweeps end when the impulses, that of the spin included, change by less than this, N s
     tolerance: float
-    max_sweeps: int
+    max_sweeps: int  # bound on the gradient steps of one time step
 
 
 def foot_positions(robot: RobotParams) -> np.ndarray:
