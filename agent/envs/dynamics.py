@@ -78,6 +78,11 @@ class DynamicsBoards(EnvBoards):
         options = options_of("an environment", given, "world", "worlds")
         if worlds is not None and find_in_world(scenario, world)[1] != IDEAL:
             raise ConfigError("worlds has no effect on a given world; leave out world or worlds")
+        if worlds is not None and options.shield:
+            raise ConfigError(
+                "the shield is measured in one world, not in each that is drawn; leave out worlds "
+                "or shield, or give a world"
+            )
         with progress_bars() as progress:
             setup = resolve(options, scenario, progress, world=world)
         self.scenario, self._config, motor_fmu = setup
@@ -100,6 +105,11 @@ class DynamicsBoards(EnvBoards):
 
     def _check_mu(self, mu: float | None) -> None:
         if mu is not None:
+            if self._config.shield:
+                raise ConfigError(
+                    "the shield is measured on one floor; leave out shield, or give mu to the "
+                    "environment instead of a reset"
+                )
             self._config.with_overrides(mu)  # refuses some
             if mu == 0.0:
                 raise ConfigError("mu = 0 is invalid: no robot could drive; give more")

@@ -15,7 +15,8 @@ from cosim.calibration.stopping import RESERVE, SLIDES, stopping_distance
 from cosim.calibration.straying import best_filter
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.params import SHIELD, TIMING
+from cosim.model.params import ESTIMATOR, SHIELD, TIMING
+from cosim.model.preset import PAPER
 from cosim.model.world import World
 from cosim.onboard.shield import stopping_gap
 from fmus.build import identity_of_fmu
@@ -26,17 +27,22 @@ _FLOOR = ("motor_spread", "restitution", "floor_tilt_deg", "payload_g", "payload
 
 
 def _reduced(config: CoSimConfig, *fields: str) -> CoSimConfig:
-    """Return what decides how a robot moves, with these fields of its world, and nothing else."""
+    """Return a configuration without what decides nothing here, and with these fields of its world.
+
+    So that the measurement is found again: decisions, limits and names decide nothing.
+    """
     clock = ("dt_s", "communication_step_s", "control_period_s")
-    return CoSimConfig(
-        robot=config.robot,
-        motor=config.motor,
-        noise=config.noise,
+    return replace(
+        config,
         timing=TIMING._replace(**{name: getattr(config.timing, name) for name in clock}),
-        steering=config.steering,
-        reaction=config.reaction,
-        open_loop=config.open_loop,
         world=World(**{name: getattr(config.world, name) for name in fields}),
+        portable=False,
+        on_collision="end",
+        through=False,
+        shield=None,
+        preset=PAPER,
+        estimator=config.estimator if "sensor" in fields else ESTIMATOR,
+        sources=(),
     )
 
 

@@ -35,51 +35,31 @@ class CalibrationError(UserError):
 
 @dataclass(frozen=True)
 class Curve:
-    """One manoeuvre over motor speed, at equal speeds of both motors.
+    """One manoeuvre over motor speed, at equal speeds of both motors."""
 
-    Attributes:
-        omega_rad_s: (K,) mean motor speed, ascending.
-        mean: (K,) speed in m/s along the heading (backwards positive too) or yaw rate in rad/s
-            towards the manoeuvre's side.
-        scatter: (K,) standard deviation over phases and seeds.
-        airborne_share: (K,) largest share of time in which no foot touched the floor.
-        lifted_share: (K,) mean share of time in which a foot did not.
-    """
-
-    omega_rad_s: np.ndarray
+    omega_rad_s: np.ndarray  # (K,) mean motor speed, ascending
+    # (K,) speed in m/s along the heading (backwards positive too) or yaw rate in rad/s towards the
+    # manoeuvre's side
     mean: np.ndarray
-    scatter: np.ndarray
-    airborne_share: np.ndarray
-    lifted_share: np.ndarray
+    scatter: np.ndarray  # (K,) standard deviation over phases and seeds
+    airborne_share: np.ndarray  # (K,) largest share of time in which no foot touched the floor
+    lifted_share: np.ndarray  # (K,) mean share of time in which a foot did not
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Trials of one robot, T of them; the first axis of every array.
+    """Trials of one robot, T of them; the first axis of every array."""
 
-    Attributes:
-        set_points_rad_s: (T, 2) commanded speeds of motors D and E, without dither.
-        omega_rad_s: (T, 2) mean speeds that the motors had.
-        phase_rad: (T,) initial phase difference between the motors.
-        dithered: (T,) bool, whether the dither of the steering was on.
-        forward_m_s: (T,) mean speed along the heading.
-        lateral_m_s: (T,) mean speed to the left of it.
-        yaw_rate_rad_s: (T,) mean, counter-clockwise positive.
-        airborne_share: (T,) share of time in which no foot touched the floor.
-        lifted_share: (T,) share of time in which a foot did not.
-        restitution: () of the feet.
-    """
-
-    set_points_rad_s: np.ndarray
-    omega_rad_s: np.ndarray
-    phase_rad: np.ndarray
-    dithered: np.ndarray
-    forward_m_s: np.ndarray
-    lateral_m_s: np.ndarray
-    yaw_rate_rad_s: np.ndarray
-    airborne_share: np.ndarray
-    lifted_share: np.ndarray
-    restitution: np.ndarray
+    set_points_rad_s: np.ndarray  # (T, 2) commanded speeds of motors D and E, without dither
+    omega_rad_s: np.ndarray  # (T, 2) mean speeds that the motors had
+    phase_rad: np.ndarray  # (T,) initial phase difference between the motors
+    dithered: np.ndarray  # (T,) bool, whether the dither of the steering was on
+    forward_m_s: np.ndarray  # (T,) mean speed along the heading
+    lateral_m_s: np.ndarray  # (T,) mean speed to the left of it
+    yaw_rate_rad_s: np.ndarray  # (T,) mean, counter-clockwise positive
+    airborne_share: np.ndarray  # (T,) share of time in which no foot touched the floor
+    lifted_share: np.ndarray  # (T,) share of time in which a foot did not
+    restitution: np.ndarray  # () of the feet
 
     def curve(self, manoeuvre: str, *, dithered: bool = True) -> Curve:
         """Speed or yaw rate over motor speed of one of `MANOEUVRES`."""
@@ -95,7 +75,7 @@ class Calibration:
             omega = np.abs(self.omega_rad_s[here]).mean()
             shares = self.airborne_share[here].max(), self.lifted_share[here].mean()
             rows.append((omega, value.mean(), value.std(), *shares))
-        return Curve(*np.array(rows).reshape(-1, 5).T)
+        return Curve(*np.array(sorted(rows)).reshape(-1, 5).T)
 
     @property
     def hop_free_rad_s(self) -> float:
@@ -103,14 +83,18 @@ class Calibration:
 
         Robots hop where no foot is on the floor, ever; for more than BOUNCING_SHARE of the time
         where feet bounce.
+
+        Raises:
+            CalibrationError: they hop at every speed.
         """
         share = BOUNCING_SHARE if self.restitution > 0.0 else 0.0
         return min(_hop_free(self.curve(manoeuvre), share) for manoeuvre in MANOEUVRES)
 
     def largest(self, manoeuvre: str) -> float:
-        """Largest speed in m/s or yaw rate in rad/s without hopping."""
-        curve = self.curve(manoeuvre)
-        return float(np.interp(self.hop_free_rad_s, curve.omega_rad_s, curve.mean))
+        """Largest speed in m/s or yaw rate in rad/s without hopping, at whichever motor speed."""
+        curve, limit = self.curve(manoeuvre), self.hop_free_rad_s
+        below = curve.mean[curve.omega_rad_s < limit]
+        return float(below.max(initial=np.interp(limit, curve.omega_rad_s, curve.mean)))
 
     def require_motion(self, mu: float) -> None:
         """Refuse robots that do not move.
@@ -138,6 +122,8 @@ class Calibration:
     def motor_speed(self, manoeuvre: str, value: float) -> float:
         """Speed in rad/s of both motors for a speed in m/s or a yaw rate in rad/s.
 
+        Of several motor speeds that realise it, the slowest.
+
         Raises:
             CalibrationError: the robot would hop, or is slower than any trial.
         """
@@ -154,7 +140,8 @@ class Calibration:
                 f"{factor * value:.3g} {unit} {manoeuvre} is less than the map of speeds has; the "
                 f"least is {np.ceil(100.0 * factor * curve.mean[0]) / 100.0:.2f} {unit}"
             )
-        return float(np.interp(value, curve.mean, curve.omega_rad_s))
+        end = int((curve.mean >= value).argmax()) + 1  # the first trial that is fast enough
+        return float(np.interp(value, curve.mean[:end][-2:], curve.omega_rad_s[:end][-2:]))
 
     def resolved(self, config: CoSimConfig) -> CoSimConfig:
         """The configuration with the motor speeds that realise its drive speed and turn rate.
@@ -194,6 +181,11 @@ class Calibration:
 
 def _hop_free(curve: Curve, share: float) -> float:
     hops = curve.omega_rad_s[curve.airborne_share > share].min(initial=np.inf)
+    if hops == curve.omega_rad_s[0]:
+        raise CalibrationError(
+            f"the robot hops at every motor speed from {hops:.0f} rad/s; choose less restitution "
+            "for the world, or a heavier robot"
+        )
     return float(curve.omega_rad_s[curve.omega_rad_s < hops].max())
 
 

@@ -35,17 +35,11 @@ SLIDES = (
 
 
 class Stops(NamedTuple):
-    """Stops of N robots, n of each.
+    """Stops of N robots, n of each."""
 
-    Attributes:
-        path_m: (N, n) diameter of the path from the look before the stop until rest.
-        rest_s: (N, n) time after which a robot moved less than a micrometre.
-        creep_m_s: (N,) mean speed of a robot that is held after the last stop.
-    """
-
-    path_m: np.ndarray
-    rest_s: np.ndarray
-    creep_m_s: np.ndarray
+    path_m: np.ndarray  # (N, n) diameter of the path from the look before the stop until rest
+    rest_s: np.ndarray  # (N, n) time after which a robot moved less than a micrometre
+    creep_m_s: np.ndarray  # (N,) mean speed of a robot that is held after the last stop
 
 
 def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -> Stops:
@@ -60,7 +54,8 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
     """
     rng, sequence = np.random.default_rng(seed), np.random.SeedSequence(seed)
     period_s, steering = config.timing.control_period_s, config.steering
-    largest = steering.max_speed_rad_s + steering.dither_rad_s
+    speeds = steering.turn_speed_rad_s, steering.forward_speed_rad_s, steering.backward_speed_rad_s
+    largest = max(steering.max_speed_rad_s, *speeds) + steering.dither_rad_s
     drawn = draw_world(config.world, config.motor, robots, sequence)
     slope = gravity(config.world, drawn, config.motor.g, config.portable)
     headings = rng.uniform(-np.pi, np.pi, robots)

@@ -18,7 +18,7 @@ from cosim.calibration.stopping import corners
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.params import ESTIMATOR, EstimatorParams
+from cosim.model.params import EstimatorParams
 from cosim.model.world import CAMERA_CHILD, draw_world, generator
 from cosim.onboard.camera import (
     FRAME_SIZE,
@@ -48,17 +48,11 @@ _ENOUGH = 1.1  # room over the least
 
 
 class Tracks(NamedTuple):
-    """Motion of N robots in T control periods.
+    """Motion of N robots in T control periods."""
 
-    Attributes:
-        poses: (T, N, 3) at the start of each period, m and rad.
-        commanded: (T, N, 4) until then, see `cosim.onboard.estimation.odometry`.
-        found: (M, N, NOISE) frames of the camera without noise.
-    """
-
-    poses: np.ndarray
-    commanded: np.ndarray
-    found: np.ndarray
+    poses: np.ndarray  # (T, N, 3) at the start of each period, m and rad
+    commanded: np.ndarray  # (T, N, 4) until then, see `cosim.onboard.estimation.odometry`
+    found: np.ndarray  # (M, N, NOISE) frames of the camera without noise
 
 
 def drive_about(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -> Tracks:
@@ -153,6 +147,7 @@ def best_filter(config: CoSimConfig, fmu: MotorFmu) -> tuple[float, float, float
         return drift_m2_s, NOISE_DEVIATIONS + RESERVE * bias, deviation_m
 
     # The usual drift first, then those that are closer to it.
-    found = [judged(ESTIMATOR.position_drift_m2_s * 2.0**k) for k in sorted(_OCTAVES, key=abs)]
+    usual = config.estimator.position_drift_m2_s
+    found = [judged(usual * 2.0**k) for k in sorted(_OCTAVES, key=abs)]
     rooms_m = [deviations * deviation_m for _, deviations, deviation_m in found]
     return next(f for f, m in zip(found, rooms_m, strict=True) if m <= _ENOUGH * min(rooms_m))

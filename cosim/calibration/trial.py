@@ -11,10 +11,9 @@ import numpy as np
 
 from cosim.coupling.assembly import (
     Motors,
+    SpeedNoise,
     check_motors,
-    draw_noise,
     new_plant,
-    noise_generators,
     robot_properties,
 )
 from cosim.coupling.fmu import MotorFmu
@@ -90,7 +89,8 @@ class Trial:
             self._state.bodies[:, robot] = standing_state(config.robot, x, y, headings_rad[robot])
             pair = motors[robot] if motors else (config.motor, config.motor)
             self._state.properties[:, robot] = robot_properties(config, gravity, pair)
-            self._motors.restart([robot], (pair,))
+            start = self._motors.restart([robot], (pair,))
+            self._state.outputs[: len(start), [robot]] = start
         self._state.running[:] = 1
         if sight is not None:
             sensor, room = config.world.camera, np.zeros((len(sight), columns, NOISE))
@@ -100,7 +100,7 @@ class Trial:
             self._state.sight[:, :n] = sight
         self.estimates = self._state.estimates[:n]
         self.bodies, self.commands = self._state.bodies[:, :n], self._state.commands[:n]
-        self._noise = noise_generators(seed, n)
+        self._noise = SpeedNoise(config, seed, n)
         self._driver = CompiledDriver(self._motors, lanes)
 
     def __enter__(self) -> "Trial":
@@ -136,7 +136,7 @@ class Trial:
         n, columns = len(self.origins_m), self._state.bodies.shape[1]
         samples = new_samples(periods, columns)
         noise = np.zeros((periods, columns, 2))
-        noise[:, :n] = draw_noise(self._config, self._noise, periods)
+        noise[:, :n] = self._noise.draw(periods)
         raw = new_raw_samples(0, columns) if ticks is None else ticks
         self._driver.advance(self._plant, self._state, noise, samples, raw)
         self._tick += periods * self._config.ticks_per_period

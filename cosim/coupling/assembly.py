@@ -26,7 +26,7 @@ from cosim.fmi.abi import FMI_ERROR
 from cosim.model.config import CoSimConfig, whole_ratio
 from cosim.model.params import SHIELD, TABLE_II, MotorParams, open_loop_voltage
 from cosim.model.world import generator
-from cosim.physics.collision import PairParams
+from cosim.physics.collision import FASTEST_M_S, PairParams
 from cosim.physics.forces import motor_mounts
 from cosim.physics.properties import body_params, properties_of
 from cosim.physics.rotation import Vector
@@ -50,7 +50,11 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
         estimator=config.estimator,
         shield=config.shield or SHIELD,
         shielded=config.shield is not None,
-        pair=PairParams(config.robot.diameter_m, config.robot.mu_robots),
+        pair=PairParams(
+            config.robot.diameter_m,
+            config.robot.mu_robots,
+            near=2.0 * FASTEST_M_S * config.timing.control_period_s,
+        ),
         end_on_collision=end_on_collision,
         ticks_per_period=config.ticks_per_period,
         ticks_per_step=config.ticks_per_step,
@@ -171,6 +175,7 @@ class Motors:
         # Usual and present values (2, B) of the parameters that some motor of the arrays has had
         # for itself.
         self._own: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._start = np.zeros(0)  # of an instance of arrays, see `restart`
         self.calls = Calls(
             np.zeros(len(self._instances), dtype=np.int64),
             np.zeros(len(self._instances), dtype=np.int64),
@@ -194,8 +199,10 @@ class Motors:
         columns: Sequence[int],
         parameters: Sequence[tuple[MotorParams, MotorParams]],
         phases: np.ndarray | None = None,
-    ) -> None:
+    ) -> np.ndarray:
         """Bring the motors of an episode's robots to their start, in the order of the robots.
+
+        Returns theta and omega there, (4, robots).
 
         Args:
             columns: of the robots.
@@ -210,8 +217,10 @@ class Motors:
         """
         if phases is None:
             phases = np.full((len(columns), len(MOTOR_NAMES)), np.nan)
+        start = np.zeros((2, len(MOTOR_NAMES), len(columns)))
         if self._fmu.arrays:
             motors = self._instances[0] or self._put(0, "motors", {}, len(self._runs))
+            start[:] = self._start[:, :, columns]
             for name in MotorParams._fields:
                 values = np.array([[getattr(p, name) for p in pair] for pair in parameters]).T
                 usual = getattr(self._usual, name)
@@ -219,13 +228,16 @@ class Motors:
             self._tune(motors, columns, PHASE, phases.T, np.isnan(phases.T))
             self._runs.reshape(len(MOTOR_NAMES), -1)[:, columns] += 1
             motors.restart(self._runs)
-            return
+            start[0] = np.where(np.isnan(phases.T), start[0], phases.T)
+            return start.reshape(-1, len(columns))
         for robot, (column, pair) in enumerate(zip(columns, parameters, strict=True)):
             for motor, (name, own) in enumerate(zip(MOTOR_NAMES, pair, strict=True)):
                 values = _differences(own, self._usual)
                 if not math.isnan(phase := float(phases[robot, motor])):
                     values[PHASE] = phase
-                self._put(2 * column + motor, f"r{robot + 1}.{name}", values)
+                place, instance = 2 * column + motor, f"r{robot + 1}.{name}"
+                start[:, motor, robot] = self._put(place, instance, values).outputs(0, 0.0)[:2]
+        return start.reshape(-1, len(columns))
 
     def _tune(
         self,
@@ -257,6 +269,8 @@ class Motors:
         self._instances[place] = motor
         self.calls.instances[place], self.calls.ticks[place] = motor.instance, 0
         self.calls = self.calls._replace(**motor.addresses._asdict())
+        if self._fmu.arrays:
+            self._start = np.reshape(motor.outputs(0, 0.0), (3, len(MOTOR_NAMES), -1))[:2]
         return motor
 
     def set_inputs(self, signals: np.ndarray, dt_s: float) -> None:
@@ -329,34 +343,30 @@ class Motors:
             self._instances[place], self.calls.instances[place] = None, 0
 
 
-def noise_generators(seed: np.random.SeedSequence, robots: int) -> list[np.random.Generator]:
-    """One generator of speed noise for every motor, each with a child of the seed."""
-    return [generator(seed, child) for child in range(robots * len(MOTOR_NAMES))]
+class SpeedNoise:
+    """Speed noise of N robots over their motors' set points (Section V), drawn as time passes."""
 
+    def __init__(self, config: CoSimConfig, seed: np.random.SeedSequence, robots: int) -> None:
+        """Give every motor a generator with a child of the seed.
 
-def draw_noise(
-    config: CoSimConfig,
-    generators: list[np.random.Generator],
-    periods: int,
-    amplitude: float | np.ndarray | None = None,
-) -> np.ndarray:
-    """Speed noise of N robots over their motors' set points (Section V), shape (periods, N, 2).
+        Args:
+            config: amplitude, and time for which a value holds.
+            seed: of the episode; it is not changed.
+            robots: their number.
+        """
+        children = range(robots * len(MOTOR_NAMES))
+        self._generators = [generator(seed, child) for child in children]
+        self._amplitude = config.noise.relative_amplitude
+        self._hold = config.periods_per_noise_value
+        self._held = np.empty((0, len(children)))  # periods that the last values have left
 
-    Args:
-        config: amplitude, and time for which a value holds.
-        generators: 2 N, see `noise_generators`; each is drawn from.
-        periods: control periods.
-        amplitude: relative one, or (N, 1) of each robot; by default that of `config`.
-    """
-    hold = config.periods_per_noise_value
-    draws, motors = math.ceil(periods / hold), len(MOTOR_NAMES)
-    values = np.empty((len(generators), draws))
-    for rng, row in zip(generators, values, strict=True):
-        rng.random(out=row)
-    values *= 2.0
-    values -= 1.0
-    noise = np.empty((draws, hold, len(generators) // motors, motors))
-    if amplitude is None:
-        amplitude = config.noise.relative_amplitude
-    np.multiply(values.T.reshape(draws, 1, -1, motors), amplitude, out=noise)
-    return noise.reshape(-1, *noise.shape[2:])[:periods]
+    def draw(self, periods: int) -> np.ndarray:
+        """Return the noise of the next control periods, shape (periods, N, 2)."""
+        draws = max(0, math.ceil((periods - len(self._held)) / self._hold))
+        values = np.empty((len(self._generators), draws))
+        for rng, row in zip(self._generators, values, strict=True):
+            rng.random(out=row)
+        values = (2.0 * values - 1.0) * self._amplitude
+        noise = np.concatenate([self._held, np.repeat(values.T, self._hold, axis=0)])
+        self._held = noise[periods:].copy()
+        return noise[:periods].reshape(periods, -1, len(MOTOR_NAMES))

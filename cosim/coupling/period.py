@@ -44,6 +44,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
             if plant.shielded:
                 ground = Ground(
                     state.boards[episode],
+                    state.margins_m[episode],
                     state.cells_m[episode],
                     state.obstacles[episode],
                     state.forbidden,

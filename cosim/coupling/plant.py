@@ -55,42 +55,28 @@ _LARGEST = float(np.finfo(np.float64).max)
 
 
 class Plant(NamedTuple):
-    """Constants of the coupled system; no arrays, because numba would count their references.
+    """Constants of the coupled system; no arrays, because numba would count their references."""
 
-    Attributes:
-        robots: of an episode.
-        body: equations of motion; what differs from robot to robot is in `State.properties`.
-        mount_d, mount_e: motors D and E, likewise.
-        steering: gains and speeds.
-        estimator: of every robot.
-        shield: distances that the shield keeps.
-        shielded: whether the shield is enabled.
-        pair: contact of robots with each other and with obstacles.
-        end_on_collision: whether such a contact, or a robot's centre where it is forbidden, is a
-            COLLISION that ends the run.
-        ticks_per_period: ticks of dt per control period.
-        ticks_per_step: ticks of dt per communication step with the FMUs.
-        reaction: whether the motors feel the acceleration of the body.
-        portable: whether angles have the same bits on every machine, see `cosim.physics.trig`.
-        open_loop: whether the motors' input is a voltage instead of a set point.
-        volts_per_speed, friction_volts: that voltage, see `cosim.model.params.open_loop_voltage`.
-    """
-
-    robots: int
+    robots: int  # of an episode
+    # equations of motion; what differs from robot to robot is in `State.properties`
     body: BodyParams
+    # mount_d, mount_e: motors D and E, likewise
     mount_d: MotorMount
     mount_e: MotorMount
-    steering: SteeringParams
-    estimator: EstimatorParams
-    shield: ShieldParams
-    shielded: bool
-    pair: PairParams
+    steering: SteeringParams  # gains and speeds
+    estimator: EstimatorParams  # of every robot
+    shield: ShieldParams  # distances that the shield keeps
+    shielded: bool  # whether the shield is enabled
+    pair: PairParams  # contact of robots with each other and with obstacles
+    # whether such a contact, or a robot's centre where it is forbidden, is a COLLISION that ends
+    # the run
     end_on_collision: bool
-    ticks_per_period: int
-    ticks_per_step: int
-    reaction: bool
-    portable: bool
-    open_loop: bool
+    ticks_per_period: int  # ticks of dt per control period
+    ticks_per_step: int  # ticks of dt per communication step with the FMUs
+    reaction: bool  # whether the motors feel the acceleration of the body
+    portable: bool  # whether angles have the same bits on every machine, see `cosim.physics.trig`
+    open_loop: bool  # whether the motors' input is a voltage instead of a set point
+    # volts_per_speed, friction_volts: that voltage, see `cosim.model.params.open_loop_voltage`
     volts_per_speed: float
     friction_volts: float
 

@@ -44,86 +44,60 @@ class State(NamedTuple):
 
     Robot r of episode e has column e N + r of B; columns beyond are idle, so that B is a whole
     number of vectors. Rows that motors have are those of D, then of E, one signal after the other.
-
-    Attributes:
-        estimates: (B, ESTIMATE_SIZE) where robots think they are, layout in
-            cosim.onboard.estimation.
-        cameras: (B, CAMERA_SIZE), layout in cosim.onboard.camera.
-        frames: (B, F, FRAME_SIZE) of the camera, under way.
-        sight: (M, B, NOISE) what the camera makes of the robots in the next frames.
-        bodies: (STATE_SIZE, B), layout in cosim.physics.body_state.
-        properties: (PROPERTIES, B), layout in cosim.physics.properties.
-        commands: (B, COMMAND_SIZE), layout in cosim.onboard.steering.
-        shields: (B, SHIELD_SIZE), layout in cosim.onboard.shield.
-        set_points: (2, B) motor speeds that the steering asks for.
-        inputs: (6, B) omega_des (or V_in where motors are in open loop), omega_noise, d.
-        outputs: (6, B) theta, omega, omega_dot.
-        held: (6, B) the outputs at the start of the communication step.
-        held_velocities: (6, B) velocity (world) and angular velocity (body) at that time.
-        electrical: (8, B) V_s, i, u, integral; NaN what an FMU does not have.
-        statistics: (STATISTICS, B) of this control period: of each foot the sum of normal impulses
-            in N s, the part of it in impacts, ticks in which it slid, and the sums of friction
-            impulses along x and y of the body; ticks in which a foot carried nothing, and in
-            which no foot carried anything; whether a foot landed in this tick. A foot that lands
-            closes its gap in one tick and stops in the next: an impact is both.
-        touching: (B,) ticks of this period in which another robot or an obstacle was touched.
-        touched: (B,) int64, whether that is so in this tick.
-        near: (K N (N − 1) / 2, 2) int64, columns of pairs that may touch in this period.
-        near_robots, near_targets, near_zone: (LISTS, B) int64, room for `cosim.physics.neighbours`.
-        near_walls: (B M, 2) int64, columns and obstacles that may touch in this period.
-        near_count: (2,) int64, how many pairs and how many of the latter there are.
-        busy: (B,) int64, of the first column of every vector, whether an episode runs in it.
-        running: (K,) int64, whether an episode is running.
-        periods: (K,) int64, control periods that an episode has done in this advance.
-        events: (B,) int64, what became of each robot in its last period, see
-            cosim.coupling.sampling.
-        ended: (STATE_SIZE, B) bodies of episodes that have ended, as they were then.
-        boards: (K, 2) extent of each episode's board in m, its corner at the origin.
-        cells_m: (K,) edge of the board's cells.
-        obstacles: (K, M, 4) rectangles left, bottom, right, top in m, which stay; infinitely far
-            where an episode has fewer.
-        forbidden: (B, F, 4) rectangles likewise, in which the centre of a robot is a collision.
-        targets: (B, 4) rectangles in which the centre of any robot but one is a collision, of
-            each episode in an order of their own.
-        owners: (B,) int64, columns of those robots.
-        patches: (K, P, 5) rectangles of the floor and their friction coefficients, likewise; later
-            ones cover earlier ones.
     """
 
+    # (B, ESTIMATE_SIZE) where robots think they are, layout in cosim.onboard.estimation
     estimates: np.ndarray
-    cameras: np.ndarray
-    frames: np.ndarray
-    sight: np.ndarray
-    bodies: np.ndarray
-    properties: np.ndarray
-    commands: np.ndarray
-    shields: np.ndarray
-    set_points: np.ndarray
-    inputs: np.ndarray
-    outputs: np.ndarray
-    held: np.ndarray
-    held_velocities: np.ndarray
-    electrical: np.ndarray
+    cameras: np.ndarray  # (B, CAMERA_SIZE), layout in cosim.onboard.camera
+    frames: np.ndarray  # (B, F, FRAME_SIZE) of the camera, under way
+    sight: np.ndarray  # (M, B, NOISE) what the camera makes of the robots in the next frames
+    bodies: np.ndarray  # (STATE_SIZE, B), layout in cosim.physics.body_state
+    properties: np.ndarray  # (PROPERTIES, B), layout in cosim.physics.properties
+    commands: np.ndarray  # (B, COMMAND_SIZE), layout in cosim.onboard.steering
+    shields: np.ndarray  # (B, SHIELD_SIZE), layout in cosim.onboard.shield
+    set_points: np.ndarray  # (2, B) motor speeds that the steering asks for
+    inputs: np.ndarray  # (6, B) omega_des (or V_in where motors are in open loop), omega_noise, d
+    outputs: np.ndarray  # (6, B) theta, omega, omega_dot
+    held: np.ndarray  # (6, B) the outputs at the start of the communication step
+    held_velocities: np.ndarray  # (6, B) velocity (world) and angular velocity (body) at that time
+    electrical: np.ndarray  # (8, B) V_s, i, u, integral; NaN what an FMU does not have
+    # (STATISTICS, B) of this control period: of each foot the sum of normal impulses in N s, the
+    # part of it in impacts, ticks in which it slid, and the sums of friction impulses along x and y
+    # of the body; ticks in which a foot carried nothing, and in which no foot carried anything;
+    # whether a foot landed in this tick. A foot that lands closes its gap in one tick and stops in
+    # the next: an impact is both
     statistics: np.ndarray
+    # (B,) ticks of this period in which another robot or an obstacle was touched
     touching: np.ndarray
-    touched: np.ndarray
-    near: np.ndarray
+    touched: np.ndarray  # (B,) int64, whether that is so in this tick
+    near: np.ndarray  # (K N (N − 1) / 2, 2) int64, columns of pairs that may touch in this period
+    # near_robots, near_targets, near_zone: (LISTS, B) int64, room for `cosim.physics.neighbours`
     near_robots: np.ndarray
     near_targets: np.ndarray
     near_zone: np.ndarray
-    near_walls: np.ndarray
-    near_count: np.ndarray
+    near_walls: np.ndarray  # (B M, 2) int64, columns and obstacles that may touch in this period
+    near_count: np.ndarray  # (2,) int64, how many pairs and how many of the latter there are
+    # (B,) int64, of the first column of every vector, whether an episode runs in it
     busy: np.ndarray
-    running: np.ndarray
-    periods: np.ndarray
+    running: np.ndarray  # (K,) int64, whether an episode is running
+    periods: np.ndarray  # (K,) int64, control periods that an episode has done in this advance
+    # (B,) int64, what became of each robot in its last period, see cosim.coupling.sampling
     events: np.ndarray
-    ended: np.ndarray
-    boards: np.ndarray
-    cells_m: np.ndarray
+    ended: np.ndarray  # (STATE_SIZE, B) bodies of episodes that have ended, as they were then
+    boards: np.ndarray  # (K, 2) extent of each episode's board in m, its corner at the origin
+    margins_m: np.ndarray  # (K,) distance from the board's edge at which the shield keeps robots
+    cells_m: np.ndarray  # (K,) edge of the board's cells
+    # (K, M, 4) rectangles left, bottom, right, top in m, which stay; infinitely far where an
+    # episode has fewer
     obstacles: np.ndarray
+    # (B, F, 4) rectangles likewise, in which the centre of a robot is a collision
     forbidden: np.ndarray
+    # (B, 4) rectangles in which the centre of any robot but one is a collision, of each episode in
+    # an order of their own
     targets: np.ndarray
-    owners: np.ndarray
+    owners: np.ndarray  # (B,) int64, columns of those robots
+    # (K, P, 5) rectangles of the floor and their friction coefficients, likewise; later ones cover
+    # earlier ones
     patches: np.ndarray
 
 
@@ -248,6 +222,7 @@ def new_state(episodes: int, robots: int, columns: int) -> State:
         events=whole(columns),
         ended=bodies.copy(),
         boards=np.full((episodes, 2), np.inf),
+        margins_m=np.zeros(episodes),
         cells_m=np.ones(episodes),
         obstacles=np.empty((episodes, 0, 4)),
         forbidden=np.empty((columns, 0, 4)),

@@ -42,23 +42,15 @@ ZONE_M = 0.45
 
 
 class Ground(NamedTuple):
-    """Places that robots may not go to; lengths in m, rectangles left, bottom, right, top.
+    """Places that robots may not go to; lengths in m, rectangles left, bottom, right, top."""
 
-    Attributes:
-        board: (2,) extent of the board.
-        cell_m: edge of a cell.
-        obstacles: (M, 4) rectangles.
-        forbidden: (B, F, 4) rectangles that each robot's centre may not enter.
-        targets: (B, 4) rectangles that no robot's centre may enter but its owner's.
-        owners: (B,) int64, columns of the owners.
-    """
-
-    board: np.ndarray
-    cell_m: float
-    obstacles: np.ndarray
-    forbidden: np.ndarray
-    targets: np.ndarray
-    owners: np.ndarray
+    board: np.ndarray  # (2,) extent of the board
+    margin_m: float  # from its edge, within which feet would be beyond the floor
+    cell_m: float  # edge of a cell
+    obstacles: np.ndarray  # (M, 4) rectangles
+    forbidden: np.ndarray  # (B, F, 4) rectangles that each robot's centre may not enter
+    targets: np.ndarray  # (B, 4) rectangles that no robot's centre may enter but its owner's
+    owners: np.ndarray  # (B,) int64, columns of the owners
 
 
 @inlined
@@ -195,11 +187,12 @@ def _room(
     x, y, variance = estimates[i, POSE], estimates[i, POSE + 1], variance_of(estimates[i])
     deviation = math.sqrt(variance)
     alone = params.stopping_m + params.deviations * deviation
-    least, away_x, away_y = x - alone, 1.0, 0.0
+    inside = alone + ground.margin_m
+    least, away_x, away_y = x - inside, 1.0, 0.0
     for room, toward_x, toward_y in (
-        (ground.board[0] - x - alone, -1.0, 0.0),
-        (y - alone, 0.0, 1.0),
-        (ground.board[1] - y - alone, 0.0, -1.0),
+        (ground.board[0] - x - inside, -1.0, 0.0),
+        (y - inside, 0.0, 1.0),
+        (ground.board[1] - y - inside, 0.0, -1.0),
     ):
         if room < least:
             least, away_x, away_y = room, toward_x, toward_y

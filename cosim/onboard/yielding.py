@@ -30,30 +30,24 @@ Line = tuple[Point, Point]  # both ends
 
 
 class Board(NamedTuple):
-    """Geometry of a scenario; lengths in m.
+    """Geometry of a scenario; lengths in m."""
 
-    Attributes:
-        columns, rows: number of cells.
-        cell_m: edge of a cell.
-        diameter_m: of every robot.
-        obstacles: (M, 4) float64, rectangles left, bottom, right, top.
-        closed: (N, F, 4) float64, such rectangles that each robot's centre may not enter;
-            infinitely far where a robot has fewer.
-        targets: (N, 4) float64, such rectangles that no robot's centre may enter but its owner's.
-        owners: (N,) int64, the owners.
-    """
-
+    # columns, rows: number of cells
     columns: int
     rows: int
-    cell_m: float
-    diameter_m: float
-    obstacles: np.ndarray
+    cell_m: float  # edge of a cell
+    diameter_m: float  # of every robot
+    margin_m: float  # from the board's edge, within which no move ends
+    obstacles: np.ndarray  # (M, 4) float64, rectangles left, bottom, right, top
+    # (N, F, 4) float64, such rectangles that each robot's centre may not enter; infinitely far
+    # where a robot has fewer
     closed: np.ndarray
+    # (N, 4) float64, such rectangles that no robot's centre may enter but its owner's
     targets: np.ndarray
-    owners: np.ndarray
+    owners: np.ndarray  # (N,) int64, the owners
 
 
-def board_of(scenario: Scenario) -> Board:
+def board_of(scenario: Scenario, margin_m: float = 0.0) -> Board:
     """The board of a scenario."""
     targets, owners = scenario.parking
     return Board(
@@ -61,6 +55,7 @@ def board_of(scenario: Scenario) -> Board:
         scenario.rows,
         scenario.cell_m,
         scenario.robot_diameter_m,
+        margin_m,
         scenario.walls * scenario.cell_m,
         scenario.closed * scenario.cell_m,
         targets * scenario.cell_m,
@@ -136,7 +131,10 @@ def permitted(
         row = cell_of(here[1], board.cell_m) + DIRECTIONS[candidate, 1]
         if not (0 <= column < board.columns and 0 <= row < board.rows):
             continue
-        plan = (here, ((column + 0.5) * board.cell_m, (row + 0.5) * board.cell_m))
+        end = ((column + 0.5) * board.cell_m, (row + 0.5) * board.cell_m)
+        plan = (here, end)
+        if board.margin_m > 0.0 and _from_edge(board, end) < board.margin_m + margin_m:
+            continue
         if _meets(board.obstacles, plan, 0.5 * board.diameter_m + margin_m, board.owners, -1):
             continue
         if _meets(board.closed[robot], plan, margin_m, board.owners, -1):
@@ -147,8 +145,8 @@ def permitted(
         least_m = board.diameter_m + margin_m
         for other in range(len(positions)):
             stands = np.isnan(goals[other, 0])
-            end = positions[other] if stands else goals[other]
-            others = ((positions[other, 0], positions[other, 1]), (end[0], end[1]))
+            goal = positions[other] if stands else goals[other]
+            others = ((positions[other, 0], positions[other, 1]), (goal[0], goal[1]))
             apart = _length((here, others[0])) - _length(plan) - _length(others)
             if other == robot or apart > least_m:  # too far for any part of both
                 continue
@@ -160,6 +158,14 @@ def permitted(
         if turn == 0 and by_moving:
             return WAIT
     return WAIT
+
+
+@inlined
+def _from_edge(board: Board, point: Point) -> float:
+    """Return the distance in m of a point on the board from its edge."""
+    x, y = point
+    width, height = board.columns * board.cell_m, board.rows * board.cell_m
+    return min(x, y, width - x, height - y)
 
 
 @inlined

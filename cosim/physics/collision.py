@@ -19,21 +19,17 @@ from cosim.physics.properties import INVERSE_INERTIA, INVERSE_MASS
 
 touches_obstacle = inlined(definition)  # whether a robot touches an obstacle, for kernels
 
-# What is within this distance of contact is checked every tick, the rest once per control period:
-# robots slower than 1 m/s cannot close it within 1 ms.
-NEAR_M = 2e-3
+FASTEST_M_S = 1.0  # assumed: no robot is faster
 
 
 class PairParams(NamedTuple):
-    """Contact of robots.
+    """Contact of robots."""
 
-    Attributes:
-        diameter: of each robot in m.
-        mu: friction coefficient between robots, and between robots and obstacles (assumed).
-    """
-
-    diameter: float
-    mu: float
+    diameter: float  # of each robot in m
+    mu: float  # friction coefficient between robots, and between robots and obstacles (assumed)
+    # distance in m from contact, within which it is checked every tick: more than two robots of
+    # FASTEST_M_S can close until all are looked at again, a control period later
+    near: float
 
 
 @inlined
@@ -62,7 +58,7 @@ def find_near_pairs(
     Returns:
         Number of pairs written until now.
     """
-    reach = pair.diameter + NEAR_M
+    reach = pair.diameter + pair.near
     grid = list_by_cells(lists, bodies[X], bodies[Y], first, robots, board, reach)
     for i in range(first, first + robots):
         for k in range(first, first + find_near(lists, grid, bodies[X, i], bodies[Y, i])):
@@ -146,7 +142,7 @@ def find_near_obstacles(
     Returns:
         Number of rows written until now.
     """
-    reach = 0.5 * pair.diameter + NEAR_M
+    reach = 0.5 * pair.diameter + pair.near
     for k in range(len(obstacles)):
         dx, dy = away_from(obstacles[k], bodies[X, column], bodies[Y, column])
         if dx * dx + dy * dy < reach * reach:

@@ -13,6 +13,7 @@ import numpy as np
 
 from cosim.base.jit import inlined
 from cosim.model.params import RobotParams
+from cosim.model.world import World
 from cosim.physics.lanes import select
 from cosim.physics.mass import Mass, mass_of
 from cosim.physics.rotation import Vector, dot, plus
@@ -33,28 +34,21 @@ NO_FLOOR = -1.0  # in place of a friction coefficient: no floor is below the foo
 
 
 class ContactParams(NamedTuple):
-    """Geometry and step sizes of the contact solver (body frame).
+    """Geometry and step sizes of the contact solver (body frame)."""
 
-    Attributes:
-        a, b, c: positions of feet A, B, C in m; origin: the robot's axis at the height of the
-            centre of mass.
-        mu: Coulomb friction coefficient under each of them, static = kinetic; or NO_FLOOR.
-        step_normal, step_tangential: step sizes of the projected gradient in kg.
-        spin_inertia: friction impulse at a foot, in N s, that changes a spin by 1 rad/s: kg m.
-        tolerance: sweeps end when the impulses, that of the spin included, change by less than
-            this, N s.
-        max_sweeps: bound on the gradient steps of one time step.
-    """
-
+    # a, b, c: positions of feet A, B, C in m; origin: the robot's axis at the height of the centre
+    # of mass
     a: Vector
     b: Vector
     c: Vector
-    mu: Vector
+    mu: Vector  # Coulomb friction coefficient under each of them, static = kinetic; or NO_FLOOR
+    # step_normal, step_tangential: step sizes of the projected gradient in kg
     step_normal: float
     step_tangential: float
-    spin_inertia: float
+    spin_inertia: float  # friction impulse at a foot, in N s, that changes a spin by 1 rad/s: kg m
+    # sweeps end when the impulses, that of the spin included, change by less than this, N s
     tolerance: float
-    max_sweeps: int
+    max_sweeps: int  # bound on the gradient steps of one time step
 
 
 def foot_positions(robot: RobotParams) -> np.ndarray:
@@ -67,6 +61,15 @@ def foot_positions(robot: RobotParams) -> np.ndarray:
     feet[2, :2] = feet[0, 0], -feet[0, 1]  # exact mirror images
     feet[1, 1] = 0.0
     return feet
+
+
+def floor_margin(robot: RobotParams, world: World) -> float:
+    """Return how far the centre of mass is from the edge of a floor with all feet on it, m.
+
+    It is 0 where the floor does not end.
+    """
+    feet = foot_positions(robot)[:, :2] - mass_of(robot, world).centre
+    return float(np.hypot(*feet.T).max()) if world.edge else 0.0
 
 
 def delassus(robot: RobotParams, mass: Mass | None = None) -> np.ndarray:

@@ -11,25 +11,15 @@ from cosim.physics.trig import sine_cosine
 
 
 class MotorMount(NamedTuple):
-    """Eccentric mass and mounting of one motor in the body frame (origin: centre of mass).
+    """Eccentric mass and mounting of one motor in the body frame (origin: centre of mass)."""
 
-    Attributes:
-        m: eccentric mass in kg.
-        r: eccentricity in m.
-        J: rotor inertia in kg m².
-        g: gravitational acceleration in m/s².
-        y: mount position on the body's y axis in m.
-        z: height of the motor axis over the centre of mass in m.
-        sin_phi: sine of φ, the angle from the body's x axis to the motor axis (Fig. 4b).
-    """
-
-    m: float
-    r: float
-    J: float
-    g: float
-    y: float
-    z: float
-    sin_phi: float
+    m: float  # eccentric mass in kg
+    r: float  # eccentricity in m
+    J: float  # rotor inertia in kg m²
+    g: float  # gravitational acceleration in m/s²
+    y: float  # mount position on the body's y axis in m
+    z: float  # height of the motor axis over the centre of mass in m
+    sin_phi: float  # sine of φ, the angle from the body's x axis to the motor axis (Fig. 4b)
 
 
 def motor_mounts(robot: RobotParams, motor: MotorParams) -> tuple[MotorMount, MotorMount]:

@@ -15,19 +15,14 @@ from cosim.physics.rotation import Vector
 
 
 class Mass(NamedTuple):
-    """Mass properties of a robot's equations of motion; body frame.
+    """Mass properties of a robot's equations of motion; body frame."""
 
-    Attributes:
-        total: in kg.
-        centre: x and y of the common centre of mass from the robot's axis in m.
-        inertia, inverse_inertia: moments about it in kg m², and the diagonal of the inverse tensor.
-        product, inverse_product: elements xy of both tensors; the others are zero.
-    """
-
-    total: float
-    centre: tuple[float, float]
+    total: float  # in kg
+    centre: tuple[float, float]  # x and y of the common centre of mass from the robot's axis in m
+    # inertia, inverse_inertia: moments about it in kg m², and the diagonal of the inverse tensor
     inertia: Vector
     inverse_inertia: Vector
+    # product, inverse_product: elements xy of both tensors; the others are zero
     product: float
     inverse_product: float
 

@@ -21,19 +21,15 @@ _FEW = 16  # places that are in one cell: looking at all of them costs less than
 
 
 class Grid(NamedTuple):
-    """Cells of an episode's board.
+    """Cells of an episode's board."""
 
-    Attributes:
-        first: column in which the episode's lists begin.
-        count: number of places.
-        columns, rows: number of cells; at most one per robot.
-        per_x, per_y: cells per metre.
-    """
-
-    first: int
+    first: int  # column in which the episode's lists begin
+    # number of places
     count: int  # pyright: ignore[reportIncompatibleMethodOverride] - tuples can count
+    # columns, rows: number of cells; at most one per robot
     columns: int
     rows: int
+    # per_x, per_y: cells per metre
     per_x: float
     per_y: float
 

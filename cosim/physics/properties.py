@@ -35,34 +35,24 @@ PROPERTIES = 27
 
 
 class BodyParams(NamedTuple):
-    """Constants of one robot's equations of motion, or of those in lanes; SI units, body frame.
+    """Constants of one robot's equations of motion, or of those in lanes; SI units, body frame."""
 
-    Attributes:
-        inverse_mass: 1/kg.
-        inertia, inverse_inertia: moments in kg m², and the diagonal of the inverse tensor.
-        product, inverse_product: elements xy of both tensors.
-        centre: x and y of the centre of mass from the robot's axis in m.
-        off_axis: whether it is not on the axis, of any lane; products are zero where it is not.
-        gravity: in the world frame, m/s².
-        restitution: of the feet: share of the speed of an impact with which they leave.
-        bounces: whether it is not zero, of any lane.
-        dt, inverse_dt: step in s and its inverse.
-        contact: contact solver parameters.
-    """
-
-    inverse_mass: float
+    inverse_mass: float  # 1/kg
+    # inertia, inverse_inertia: moments in kg m², and the diagonal of the inverse tensor
     inertia: Vector
     inverse_inertia: Vector
+    # product, inverse_product: elements xy of both tensors
     product: float
     inverse_product: float
-    centre: tuple[float, float]
-    off_axis: bool
-    gravity: Vector
-    restitution: float
-    bounces: bool
+    centre: tuple[float, float]  # x and y of the centre of mass from the robot's axis in m
+    off_axis: bool  # whether it is not on the axis, of any lane; products are zero where it is not
+    gravity: Vector  # in the world frame, m/s²
+    restitution: float  # of the feet: share of the speed of an impact with which they leave
+    bounces: bool  # whether it is not zero, of any lane
+    # dt, inverse_dt: step in s and its inverse
     dt: float
     inverse_dt: float
-    contact: ContactParams
+    contact: ContactParams  # contact solver parameters
 
 
 def body_params(

@@ -19,7 +19,6 @@ from cosim.coupling.assembly import (
     MOTOR_NAMES,
     Motors,
     check_motors,
-    draw_noise,
     new_plant,
     robot_properties,
     why_not_fmpy,
@@ -47,7 +46,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import motor_phases
 from cosim.onboard.camera import NOISE, SIGHT, frames_in_flight, frames_within
-from cosim.physics.contact import NO_FLOOR
+from cosim.physics.contact import NO_FLOOR, floor_margin
 from cosim.physics.lanes import host_lanes
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.measures import PATH_SAMPLING_S, Measures
@@ -214,11 +213,13 @@ class Batch:
         for signals in rows:
             signals[:, columns] = 0.0  # nothing is left of the episode before
         state.boards[place], state.cells_m[place] = scenario.size_m, scenario.cell_m
+        state.margins_m[place] = floor_margin(config.robot, config.world)
         self._make_room(place, scenario, config)
         phases = motor_phases(config.world, self.robots)
         episode = kind(scenario, config, self.state, columns, starts, seed, sampled)
-        self._motors.restart(range(columns.start, columns.stop), episode.drawn.motors, phases)
-        state.outputs[: len(MOTOR_NAMES), columns] = np.nan_to_num(phases.T)
+        of_robots = range(columns.start, columns.stop)
+        start = self._motors.restart(of_robots, episode.drawn.motors, phases)
+        state.outputs[: len(start), columns] = start
         self.state.running[place] = 1
         self.episodes[place] = episode
         return episode
@@ -318,11 +319,8 @@ class Batch:
     def _noise(self, episodes: Mapping[int, RunningEpisode], periods: int) -> np.ndarray:
         """(periods, B, 2), speed noise over the set points of episodes, by their places."""
         noise = np.zeros((periods, self.state.bodies.shape[1], len(MOTOR_NAMES)))
-        generators = [one for episode in episodes.values() for one in episode.noise]
-        amplitudes = [e.config.noise.relative_amplitude for e in episodes.values()]
-        of_robots = np.repeat(amplitudes, self.robots)[:, None]
-        columns = np.repeat([place in episodes for place in range(len(self.episodes))], self.robots)
-        noise[:, np.flatnonzero(columns)] = draw_noise(self.config, generators, periods, of_robots)
+        for place, episode in episodes.items():
+            noise[:, self._columns(place)] = episode.noise.draw(periods)
         return noise
 
     def going_on(self) -> dict[int, RunningEpisode]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.base.arguments import numbers
 from cosim.base.errors import UserError, shown
-from cosim.coupling.assembly import noise_generators, robot_properties
+from cosim.coupling.assembly import SpeedNoise, robot_properties
 from cosim.coupling.rl_step import POSES_S, SAMPLED, Decision, Step, decide, sampled_of
 from cosim.coupling.signals import MOTORS, RawSamples, Samples, State
 from cosim.model.config import CoSimConfig
@@ -44,6 +44,7 @@ from cosim.onboard.steering import (
 )
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.physics.body_state import PLANE, standing_state
+from cosim.physics.contact import floor_margin
 from cosim.physics.properties import gravity
 from cosim.simulation.measures import Measures
 
@@ -60,7 +61,7 @@ class RunningEpisode:
         measures: so far.
         sampled: indices of the robots with kept signals.
         conflicts: decisions that the shield changed.
-        noise: generators of the speed noise, one for each motor.
+        noise: of the speed measurement.
     """
 
     def __init__(
@@ -94,7 +95,7 @@ class RunningEpisode:
         down = gravity(config.world, self.drawn, config.motor.g, config.portable)
         for column, motors in enumerate(self.drawn.motors, columns.start):
             state.properties[:, column] = robot_properties(config, down, motors)
-        self._board = board_of(scenario)
+        self._board = board_of(scenario, floor_margin(config.robot, config.world))
         self._thresholds = distance_thresholds(scenario)
         self._targets = np.array(scenario.targets)
         self._columns = columns
@@ -113,7 +114,7 @@ class RunningEpisode:
             self._estimates[robot, POSE : POSE + 3] = x, y, facing
             headings_rad[robot] = facing
         self._detours = generator(seed, DETOUR_CHILD)
-        self.noise = noise_generators(seed, n)
+        self.noise = SpeedNoise(config, seed, n)
         self._cameras = [generator(seed, CAMERA_CHILD + robot) for robot in range(n)]
         self._step = self._tick = 0
         self.conflicts = 0

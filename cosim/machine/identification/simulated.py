@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.coupling.assembly import Motors, draw_noise, noise_generators
+from cosim.coupling.assembly import Motors, SpeedNoise
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.signals import MOTORS
 from cosim.machine.identification.motion import tracks
@@ -98,7 +98,7 @@ def motor_speeds(
         seed: of the noise; None for none.
 
     Returns:
-        (P + 1, 2), from rest.
+        (P + 1, 2), from the start of the motors.
 
     Raises:
         FmuError: the FMU failed.
@@ -106,11 +106,11 @@ def motor_speeds(
     ticks, dt_s = config.ticks_per_period, config.timing.dt_s
     noise = np.zeros((len(set_points), 1, 2))
     if seed is not None:
-        noise = draw_noise(config, noise_generators(seed, 1), len(set_points))
+        noise = SpeedNoise(config, seed, 1).draw(len(set_points))
     speeds = np.zeros((len(set_points) + 1, 2))
     inputs, outputs = np.zeros((3 * MOTORS, 1)), np.zeros((3 * MOTORS, 1))
     motors = Motors(fmu, config, 1)
-    motors.restart([0], ((config.motor, config.motor),))
+    speeds[0] = motors.restart([0], ((config.motor, config.motor),))[MOTORS:, 0]
     try:
         for period, wanted in enumerate(set_points):
             inputs[: 2 * MOTORS, 0] = *wanted, *(noise[period, 0] * abs(wanted))

@@ -241,6 +241,15 @@ def test_worlds_are_drawn_with_the_seed():
         RobotsVectorEnv(1, "1a", cosim=True, worlds={"mu": (0.1, 0.2)})
 
 
+def test_a_shield_is_for_the_world_that_it_was_measured_in():
+    with pytest.raises(UserError, match=r"shield is measured in one world.* leave out worlds"):
+        RobotsVectorEnv(1, "1a", cosim=True, shield=True, worlds=envs.WorldRange(mu=(0.1, 0.12)))
+    env = RobotsVectorEnv(1, "1a", cosim=True, shield=True)
+    with pytest.raises(UserError, match="shield is measured on one floor"):
+        env.reset(options={"mu": 0.1})
+    env.close()
+
+
 @pytest.mark.parametrize("make", [gym.make, lambda *a, **k: gym.make_vec(*a, num_envs=1, **k)])
 def test_time_limits_are_those_of_gymnasium(make):
     env = make("MiniRobots/SingleA-v0", max_episode_steps=3)

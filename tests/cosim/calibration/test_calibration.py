@@ -5,12 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from cosim.calibration.cache import calibrated, digest, find_calibration
+from cosim.calibration.cache import calibrated, calibrated_slower, digest, find_calibration
 from cosim.calibration.speed_map import MANOEUVRES, Calibration, CalibrationError, load_calibration
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING, TABLE_I, TABLE_II, TIMING
+from cosim.model.world import World
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 
 
@@ -148,3 +149,12 @@ def test_friction_changes_neither_speed_nor_turn_rate(motor_fmu, mu):
     # the path after the turn is the same in both, so that the difference is turning
     there, here = (seconds(m, 0.01, 85.0) - seconds(m, 0.01, 30.0) for m in (TABLE_I.mu, mu))
     assert here == pytest.approx(there, rel=0.08)
+
+
+@pytest.mark.long
+def test_bouncing_robots_are_steered_below_hopping(motor_fmu):
+    """With a restitution of 0.7 faster motors are slower: the same speed has two motor speeds."""
+    config = CoSimConfig().in_world(World(restitution=0.7))
+    steering = calibrated_slower(config, motor_fmu).steering
+    drives = steering.turn_speed_rad_s, steering.forward_speed_rad_s, steering.backward_speed_rad_s
+    assert max(drives) <= steering.max_speed_rad_s < config.lift_off_rad_s

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.base.storage import CACHE, cache_dir
 from cosim.calibration import stopping
 from cosim.calibration.shielding import with_stopping_distance
 from cosim.calibration.speed_map import CalibrationError
 from cosim.calibration.stopping import RESERVE, bound_of, corners, path_diameter, stopping_paths
 from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.parameters import with_motor
 from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD
 from cosim.model.world import Patch, Sensor, World
@@ -23,8 +25,10 @@ def stopping_m(config):
 
 @pytest.fixture
 def quick(monkeypatch, tmp_path):
-    """Few stops, measured again."""
-    monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path))
+    """Few stops, measured again by kernels that are there."""
+    for folder in (cache_dir("fmus"), cache_dir("kernels")):
+        (tmp_path / folder.name).symlink_to(folder, target_is_directory=True)
+    monkeypatch.setenv(CACHE, str(tmp_path))
     for name, count in (("ROBOTS", 32), ("TRIALS", 1), ("ROUNDS", 8)):
         monkeypatch.setattr(stopping, name, count)
 
@@ -149,3 +153,25 @@ def test_a_camera_that_leaves_no_room_is_refused(motor_fmu, quick, monkeypatch):
     worse = CoSimConfig(world=World(sensor=Sensor(rate_hz=2.0, position_noise_mm=8.0)))
     with pytest.raises(CalibrationError, match=r"stops robots \d+ mm apart.*world.sensor"):
         with_stopping_distance(worse, motor_fmu)
+
+
+def test_the_motors_of_a_user_are_those_that_are_measured(
+    edited_fmu, motor_fmu, quick, monkeypatch
+):
+    """With their parameters, and with those that their file has, also where it can set none."""
+    for name, count in (("ROBOTS", 4), ("ROUNDS", 2)):
+        monkeypatch.setattr(stopping, name, count)
+
+    def sluggish(root):
+        for variable in root.iter("Float64"):
+            if variable.get("name") == "b":
+                variable.set("name", "damping")
+
+    config = CoSimConfig()
+    foreign = edited_fmu(sluggish, motor_fmu)
+    given = (replace(config, motor_parameters=(("K_p", value),)) for value in (0.001, 0.004))
+    read = with_motor(config.with_overrides(mu=0.2), foreign)
+    found = [stopping_m(with_stopping_distance(c, motor_fmu)) for c in (config, *given)]
+    assert len(set(found)) == 3
+    unknown = replace(read, motor=read.motor._replace(b=1e-9))  # the FMU cannot be given it
+    assert stopping_m(with_stopping_distance(unknown, foreign)) > 0.0

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.calibration import straying
+from cosim.calibration import stopping, straying
+from cosim.calibration.shielding import with_stopping_distance
 from cosim.calibration.straying import NOISE_DEVIATIONS, bias_of, drive_about
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
@@ -70,3 +71,16 @@ def test_other_robots_have_no_larger_bias(world):
         bias, _ = bias_of(drive_about(config, MotorFmu(fmu), straying.ROBOTS, seed), config)
         assert np.isfinite(bias)
         assert NOISE_DEVIATIONS + bias < shield.deviations
+
+
+@pytest.mark.long
+def test_errors_are_measured_with_the_filter_of_the_robots(motor_fmu, quick, monkeypatch):
+    monkeypatch.setattr(stopping, "TRIALS", 1)
+    measured = []
+    for factor in (1.0, 100.0):
+        own = ESTIMATOR._replace(heading_drift_rad2_s=factor * ESTIMATOR.heading_drift_rad2_s)
+        config = CoSimConfig(world=World(sensor=CAMERA), estimator=own)
+        found = with_stopping_distance(config, motor_fmu)
+        assert found.estimator.heading_drift_rad2_s == own.heading_drift_rad2_s
+        measured.append((found.shield, found.estimator.position_drift_m2_s))
+    assert measured[0] != measured[1]

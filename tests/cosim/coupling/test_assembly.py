@@ -5,16 +5,79 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.coupling.assembly import draw_noise, noise_generators
+from cosim.coupling.assembly import Motors, SpeedNoise
+from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
+from cosim.model.params import TABLE_II
+from cosim.model.scenario import Scenario
+from cosim.simulation.cosimulation import CoSimulation
+
+PAIR = ((TABLE_II, TABLE_II),)
 
 
-@pytest.mark.parametrize("hold", [1, 3])
-def test_noise_of_a_motor_is_its_own_generators(hold):
+@pytest.mark.parametrize(
+    ("hold", "steps"), [(1, (10,)), (3, (10,)), (3, (1, 2, 4, 3)), (7, (5, 5))]
+)
+def test_noise_of_a_motor_is_its_own_generators(hold, steps):
+    """A value holds its time, however many RL steps end within it."""
     config = CoSimConfig()
     config = replace(config, noise=config.noise._replace(hold_s=hold * 1e-3))
-    noise = draw_noise(config, noise_generators(np.random.SeedSequence(1), 2), 10)
+    seed = np.random.SeedSequence(1)
+    speed_noise = SpeedNoise(config, seed, 2)
+    noise = np.concatenate([speed_noise.draw(periods) for periods in steps])
     assert noise.shape == (10, 2, 2)
-    for k, generator in enumerate(noise_generators(np.random.SeedSequence(1), 2)):
-        held = np.repeat(generator.uniform(-1.0, 1.0, -(-10 // hold)), hold)[:10]
+    for k in range(4):
+        own = np.random.default_rng(np.random.SeedSequence(1, spawn_key=(k,)))
+        held = np.repeat(own.uniform(-1.0, 1.0, -(-10 // hold)), hold)[:10]
         assert np.array_equal(noise[:, k // 2, k % 2], held * config.noise.relative_amplitude)
+
+
+@pytest.mark.parametrize("fmu", ["motor_fmu", "array_fmu"])
+def test_motors_begin_with_the_angle_and_the_speed_that_their_fmu_says(fmu, request):
+    fmu = MotorFmu(request.getfixturevalue(fmu))
+    config = replace(CoSimConfig(), motor_parameters=(("theta_start", 0.3), ("omega_start", 50.0)))
+    motors, phases = Motors(fmu, config, 2), np.array([[np.nan, 2.0]])
+    for _ in range(2):  # also when they begin again
+        assert motors.restart([1], PAIR, phases).tolist() == [[0.3], [2.0], [50.0], [50.0]]
+        motors.step(100, config.timing.dt_s)
+    motors.close()
+
+
+def test_the_first_exchange_has_them(motor_fmu):
+    """Bodies see outputs between those of the start and the end of a communication step."""
+    scenario = Scenario("one", "", ((15, 18),), (((15, 15),),))
+    timing = CoSimConfig().timing._replace(communication_step_s=1e-3, rl_step_s=1e-3, burst_s=1e-3)
+    pushes = []
+    for given in (("omega_start", 0.0), ("omega_start", 1000.0)):
+        config = replace(CoSimConfig(), timing=timing, motor_parameters=(given,))
+        system = CoSimulation(scenario, motor_fmu, config)
+        system.reset(((15, 15),), 0)
+        pushes.append(system.advance(np.array([2])).raw.normal[0].sum())
+        system.close()
+    at_rest, turning = pushes  # m r ω² of two masses that hang
+    assert turning - at_rest == pytest.approx(2.0 * TABLE_II.m * TABLE_II.r * 1e6, rel=0.05)
+
+
+@pytest.mark.parametrize("fmu", ["motor_fmu", "array_fmu"])
+def test_a_restored_motor_goes_on_as_the_saved_one(fmu, request):
+    """With its inputs, which nothing sets again, and the time that its steps owe."""
+    fmu, config, dt_s = MotorFmu(request.getfixturevalue(fmu)), CoSimConfig(), 1e-5 * (1.0 + 6e-7)
+    saved, restored = Motors(fmu, config, 1), Motors(fmu, config, 1)
+    inputs = np.array([[700.0, -800.0, 5.0, -7.0, 1e-6, 2e-6]]).T
+    for motors in (saved, restored):
+        motors.restart([0], PAIR)
+    saved.set_inputs(inputs, dt_s)
+    for _ in range(101):  # an odd number: what is owed is made up for in every second step
+        saved.step(1, dt_s)
+    restored.set_state(saved.get_state())
+    for count in (1, 1, 3):
+        found = []
+        for motors in (saved, restored):
+            motors.step(count, dt_s)
+            outputs, electrical = np.zeros((6, 1)), np.zeros((8, 1))
+            motors.get_outputs(outputs, dt_s)
+            motors.get_electrical(electrical, dt_s)
+            found.append(np.concatenate([outputs, electrical]))
+        assert np.array_equal(*found)
+    for motors in (saved, restored):
+        motors.close()

@@ -44,7 +44,7 @@ def plant_with(**changes) -> Plant:
         ESTIMATOR,
         SHIELD,
         False,  # not shielded
-        PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots),
+        PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots, near=2e-3),
         end_on_collision=True,
         ticks_per_period=100,
         ticks_per_step=1,

@@ -12,7 +12,7 @@ from cosim.model.world import Sensor
 from cosim.onboard import camera as cameras
 from cosim.onboard import estimation
 from cosim.onboard.camera import CAMERA_SIZE, FRAME_SIZE, camera_of, draw_sight, frames_in_flight
-from cosim.onboard.estimation import COVARIANCE, ESTIMATE_SIZE, ODOMETRY, POSE
+from cosim.onboard.estimation import COVARIANCE, ESTIMATE_SIZE, POSE
 
 PERIOD_S = 1e-3
 EXACT = EstimatorParams(0.0, 0.0)
@@ -57,44 +57,92 @@ def error(track: Track) -> np.ndarray:
     return difference
 
 
-def test_a_frame_is_the_textbooks_correction():
-    rng = np.random.default_rng(1)
-    estimate = np.zeros(ESTIMATE_SIZE)
-    variances = np.array([4e-7, 4e-7, 3e-4])
-    estimation.start_estimate(estimate, (0.1, 0.2, 3.0), variances[0], variances[2])
-    mean, sigma = np.array([0.1, 0.2, 3.0]), np.diag(variances)
-    drift = np.diag([ESTIMATOR.position_drift_m2_s] * 2 + [ESTIMATOR.heading_drift_rad2_s])
-    reference = np.zeros(4)
-    for _ in range(20):
-        here = reference + np.append(rng.normal(size=3) * (0.01, 0.01, 0.3), 0.04)
-        turn = np.array(
-            [
-                [math.cos(reference[2]), math.sin(reference[2])],
-                [-math.sin(reference[2]), math.cos(reference[2])],
-            ]
-        )
-        along = turn @ (here - reference)[:2]
-        c, s = math.cos(mean[2]), math.sin(mean[2])
-        step = np.array([c * along[0] - s * along[1], s * along[0] + c * along[1]])
+class Textbook(NamedTuple):
+    """Mean and covariance of the extended Kalman filter, in matrices."""
+
+    mean: np.ndarray
+    sigma: np.ndarray
+
+    def moved(self, before: np.ndarray, after: np.ndarray) -> "Textbook":
+        """Predict by commanded poses, with the seconds of driving behind them."""
+        c, s = math.cos(before[2]), math.sin(before[2])
+        along = np.array([[c, s], [-s, c]]) @ (after - before)[:2]
+        c, s = math.cos(self.mean[2]), math.sin(self.mean[2])
+        step = np.array([[c, -s], [s, c]]) @ along
         jacobian = np.eye(3)
         jacobian[:2, 2] = -step[1], step[0]
-        mean = mean + np.append(step, here[2] - reference[2])
-        sigma = jacobian @ sigma @ jacobian.T + 0.04 * drift
-        seen = mean + rng.normal(size=3) * np.sqrt(variances)
-        gain = sigma @ np.linalg.inv(sigma + np.diag(variances))
-        mean = mean + gain @ (seen - mean)
-        sigma = (np.eye(3) - gain) @ sigma
-        reference = here
-        estimation.correct(
-            estimate, tuple(seen), tuple(here), variances[0], variances[2], ESTIMATOR
-        )
-        estimate[ODOMETRY : ODOMETRY + 4] = here
-        estimation.estimate_now(estimate, ESTIMATOR)
-        off = estimate[POSE : POSE + 3] - mean
-        off[2] = (off[2] + math.pi) % (2.0 * math.pi) - math.pi
+        drift = np.diag([ESTIMATOR.position_drift_m2_s] * 2 + [ESTIMATOR.heading_drift_rad2_s])
+        mean = self.mean + np.append(step, after[2] - before[2])
+        return Textbook(mean, jacobian @ self.sigma @ jacobian.T + (after - before)[3] * drift)
+
+    def corrected(self, seen: np.ndarray, noise: np.ndarray) -> "Textbook":
+        """Correct by a pose that is seen with a noise of that covariance."""
+        gain = self.sigma @ np.linalg.inv(self.sigma + noise)
+        off = wrapped(seen - self.mean)
+        return Textbook(self.mean + gain @ off, (np.eye(3) - gain) @ self.sigma)
+
+    def agrees(self, estimate: np.ndarray) -> None:
+        off = wrapped(estimate[POSE : POSE + 3] - self.mean)
         np.testing.assert_allclose(off, 0.0, atol=1e-12)
         covariance = estimate[COVARIANCE : COVARIANCE + 9].reshape(3, 3)
-        np.testing.assert_allclose(covariance, sigma, rtol=1e-9, atol=1e-18)
+        np.testing.assert_allclose(covariance, self.sigma, rtol=1e-9, atol=1e-18)
+
+
+def wrapped(pose: np.ndarray) -> np.ndarray:
+    return np.append(pose[:2], (pose[2] + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        Sensor(30.0, 50.0, 0.5, 1.0, 0.3),
+        Sensor(25.0, 0.0, 2.0, 0.2),
+        Sensor(40.0, 120.0, 0.0, 3.0),
+        Sensor(7.0, 333.0, 1.0, 0.0),
+    ],
+)
+def test_an_estimate_is_the_textbooks_of_the_frames_that_have_arrived(sensor):
+    """Of each frame the pose at its time, its noise, and the motion since; none before its time."""
+    rng, periods = np.random.default_rng(1), 1000
+    camera, estimate = camera_of(sensor, PERIOD_S), np.zeros(ESTIMATE_SIZE)
+    frames = np.zeros((frames_in_flight(sensor), FRAME_SIZE))
+    sight = draw_sight(sensor, rng, 60)
+    noise = np.diag([(1e-3 * sensor.position_noise_mm) ** 2] * 2 + [0.0])
+    noise[2, 2] = math.radians(sensor.heading_noise_deg) ** 2
+    taken = [math.ceil(k * (1.0 / (sensor.rate_hz * PERIOD_S))) for k in range(60)]
+    delay = round(sensor.delay_ms)
+    poses = np.array([0.1, 0.2, 3.0]) + np.cumsum(rng.normal(size=(periods, 3)) * 1e-4, axis=0)
+    commanded, speed, driven, still_s = np.zeros((periods + 1, 4)), 0.0, False, math.inf
+    known = Textbook(poses[0], noise)
+    reference, arrived = commanded[0], 0
+    for now in range(periods):
+        cameras.look(camera, frames, estimate, sight, tuple(poses[now]), ESTIMATOR)
+        while taken[arrived] + delay <= now:
+            if sight[arrived, 3]:
+                at = taken[arrived]
+                known, reference = known.moved(reference, commanded[at]), commanded[at]
+                seen = poses[at] + sight[arrived, :3]
+                known = known.corrected(seen, noise + 1e-30 * np.eye(3))
+            arrived += 1
+        known.moved(reference, commanded[now]).agrees(estimate)
+        if now % 200 == 0:
+            speed, yaw_rate, driven = rng.normal() * 5e-3, rng.normal(), now % 400 == 0
+            speed, yaw_rate = speed * driven, yaw_rate * driven
+        estimation.take_command(estimate, speed, yaw_rate, driven, PERIOD_S, ESTIMATOR)
+        still_s = 0.0 if driven else still_s + PERIOD_S
+        x, y, heading, driving_s = commanded[now]
+        middle = heading + 0.5 * yaw_rate * PERIOD_S
+        x, y = x + speed * PERIOD_S * math.cos(middle), y + speed * PERIOD_S * math.sin(middle)
+        driving_s += PERIOD_S * (still_s < ESTIMATOR.settle_s)
+        commanded[now + 1] = x, y, heading + yaw_rate * PERIOD_S, driving_s
+
+
+def test_the_noise_of_a_camera_is_what_its_world_says():
+    sensor = Sensor(30.0, 50.0, 2.0, 3.0, 0.2)
+    sight = draw_sight(sensor, np.random.default_rng(0), 20_000)
+    assert sight[:, :3].std(axis=0) == pytest.approx([2e-3, 2e-3, math.radians(3.0)], rel=0.02)
+    assert sight[:, 3].mean() == pytest.approx(0.8, abs=0.01)
+    assert np.abs(np.corrcoef(sight.T) - np.eye(4)).max() < 0.03
 
 
 def test_errors_are_as_large_as_the_filter_says():

@@ -32,8 +32,8 @@ KEPT_M = 2.0 * SHIELD.stopping_m  # of a gap, at room 0
 class Robots:
     """The shield's view of some robots that drive."""
 
-    def __init__(self, *poses, obstacles=NOTHING, forbidden=NOTHING, board=BOARD):
-        n, self.board = len(poses), board
+    def __init__(self, *poses, obstacles=NOTHING, forbidden=NOTHING, board=BOARD, margin_m=0.0):
+        n, self.board, self.margin_m = len(poses), board, margin_m
         self.forbidden = np.array([forbidden] * n)
         self.targets, self.owners = np.full((n, 4), np.inf), np.arange(n)
         self.commands, self.shields = np.zeros((n, COMMAND_SIZE)), np.zeros((n, SHIELD_SIZE))
@@ -53,7 +53,10 @@ class Robots:
     def guarded(self):
         state, n = (self.commands, self.estimates, self.shields), len(self.commands)
         allowed = (self.obstacles, self.forbidden, self.targets, self.owners)
-        lists, ground = np.zeros((3, LISTS, n), dtype=np.int64), Ground(self.board, 0.01, *allowed)
+        lists, ground = (
+            np.zeros((3, LISTS, n), dtype=np.int64),
+            Ground(self.board, self.margin_m, 0.01, *allowed),
+        )
         guard(*state, 0, n, ground, lists[0], lists[1], lists[2], DIAMETER_M, SHIELD)
         return self
 

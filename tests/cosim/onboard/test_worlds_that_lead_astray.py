@@ -1,4 +1,4 @@
-"""Worlds whose slope leads estimates or held robots astray: shielded robots stay apart in them."""
+"""Shielded robots in slopes that lead estimates astray, with bouncing feet, or on a table."""
 
 from collections import Counter
 from dataclasses import replace
@@ -14,7 +14,14 @@ from cosim.simulation.tasks import Task, simulate_tasks
 
 EPISODES = 200
 STEEP = World(mu=0.15, floor_tilt_deg=4.0, sensor=Sensor(10.0, 200.0, 3.0, 4.0))
-SLIPPERY = World(mu=0.03, floor_tilt_deg=1.0, motor_speed_noise=0.2)
+WORLDS = {
+    "constant": STEEP,
+    "downhill in a ring": STEEP,
+    "corner": World(mu=0.03, floor_tilt_deg=1.0, motor_speed_noise=0.2),
+    "bouncing": World(restitution=0.98, floor_tilt_deg=2.0),
+    "bouncing downhill": World(restitution=0.7, floor_tilt_deg=4.0),
+    "table": World(edge=True),
+}
 PAIR = Scenario(
     "pair",
     "",
@@ -42,13 +49,13 @@ class Constant:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", ["constant", "downhill in a ring", "corner"])
+@pytest.mark.parametrize("case", WORLDS)
 def test_shielded_robots_neither_touch_nor_leave_the_board(case):
-    world, scenario, limit_s = STEEP, PAIR, 24.0
+    world, scenario, limit_s = WORLDS[case], PAIR, 24.0
     if case == "downhill in a ring":
         scenario = replace(PAIR, obstacles=RING)
     if case == "corner":
-        world, scenario, limit_s = SLIPPERY, CORNER, 150.0
+        scenario, limit_s = CORNER, 150.0
     config, fmu = SimulationOptions(shield=True, through=True, time_limit=limit_s).prepare(
         scenario.robot_diameter_m, world=world
     )
@@ -57,7 +64,7 @@ def test_shielded_robots_neither_touch_nor_leave_the_board(case):
     for number in range(EPISODES):
         seed, rng = np.random.SeedSequence(number), np.random.default_rng(number)
         directions = rng.integers(DIRECTION_COUNT, size=scenario.robots)
-        if case == "downhill in a ring":
+        if "downhill" in case:
             slope_deg = draw_world(world, config.motor, scenario.robots, seed).tilt_direction_deg
             directions[:] = round(slope_deg / 45.0) % DIRECTION_COUNT
         if case == "corner":

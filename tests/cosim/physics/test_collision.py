@@ -1,5 +1,7 @@
 """Robots against robots: momentum, friction, rigidity; three robots in one episode."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,9 +11,8 @@ from cosim.base.jit import kernel
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II, TIMING
 from cosim.model.scenario import Scenario
-from cosim.physics.body_state import ANGULAR_VELOCITY, VELOCITY, standing_state
+from cosim.physics.body_state import ANGULAR_VELOCITY, V_X, VELOCITY, standing_state
 from cosim.physics.collision import (
-    NEAR_M,
     PairParams,
     find_near_pairs,
     push_apart,
@@ -22,7 +23,7 @@ from cosim.physics.neighbours import LISTS
 from cosim.physics.properties import body_params, properties_of
 from cosim.simulation.cosimulation import CoSimulation, run_episode
 
-PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots)
+PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots, near=2e-3)
 BODY = body_params(TABLE_I, TABLE_II, TIMING.dt_s)
 PROPERTIES = properties_of(BODY, *motor_mounts(TABLE_I, TABLE_II))
 RADIUS = TABLE_I.diameter_m / 2.0
@@ -178,7 +179,7 @@ def test_an_obstacle_out_of_reach_does_nothing():
 def test_near_pairs_are_those_in_reach():
     d = TABLE_I.diameter_m
     bodies = np.zeros((25, 4))  # the first one is of another episode
-    bodies[0, 1:] = 0.0, d + 0.9 * NEAR_M, 2.0 * d + 2.0 * NEAR_M
+    bodies[0, 1:] = 0.0, d + 0.9 * PAIR.near, 2.0 * d + 2.0 * PAIR.near
     near = np.zeros((4, 2), dtype=np.int64)
     assert near_pairs(bodies, 1, np.array([0.3, 0.3]), near, 1) == 2
     assert near[1].tolist() == [2, 1]
@@ -196,7 +197,7 @@ def test_near_pairs_are_found_in_the_order_of_looking_at_all(seed, robots, board
     bodies[:2, first:] = rng.uniform(-0.1, 1.1, (2, robots)) * size[:, None]
     near = np.zeros((robots**2, 2), dtype=np.int64)
     found = near[: near_pairs(bodies, first, np.array(board), near, 0)]
-    reach = TABLE_I.diameter_m + NEAR_M
+    reach = TABLE_I.diameter_m + PAIR.near
     expected = [
         [i, j]
         for i in range(first, first + robots)
@@ -253,3 +254,22 @@ def test_robots_that_go_on_push_but_never_overlap(collision_course, motor_fmu):
     for i, j in ((0, 1), (1, 2), (0, 2)):
         distance = np.linalg.norm(position[:, i] - position[:, j], axis=1)
         assert distance.min() > TABLE_I.diameter_m - 1e-6
+
+
+def test_robots_touch_within_a_long_control_period(motor_fmu):
+    """Two robots that close 1 cm at 0.9 m/s, on ice, in the first of the periods of 20 ms."""
+    usual = CoSimConfig().with_overrides(mu=0.0, noise=0.0)
+    timing = usual.timing._replace(control_period_s=0.02, rl_step_s=0.04, burst_s=0.02)
+    config = replace(
+        usual, timing=timing, noise=usual.noise._replace(hold_s=0.02), on_collision="continue"
+    )
+    starts = ((10, 15), (16, 15))
+    scenario = Scenario("ice", "", ((0, 0), (29, 29)), tuple((cell,) for cell in starts))
+    system = CoSimulation(scenario, motor_fmu, config)
+    system.reset(starts, 0)
+    system._batch.state.bodies[V_X, 0] = 0.9
+    step = system.advance(np.array([0, 0]))
+    apart = np.diff(step.raw.position[:, :, 0], axis=1)
+    assert apart.min() > config.robot.diameter_m - 1e-6
+    assert step.samples.touching_share[0].all()
+    system.close()

@@ -1,11 +1,17 @@
 """A floor that ends where the board does: `edge` of a world."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cosim.model.config import CoSimConfig
+from cosim.model.params import SHIELD
 from cosim.model.scenario import Scenario
 from cosim.model.world import World
+from cosim.physics.contact import foot_positions
+from cosim.physics.mass import mass_of
+from cosim.physics.rotation import headings
 from cosim.simulation.cosimulation import CoSimulation
 
 NORTH, SOUTH = 2, 6
@@ -36,3 +42,22 @@ def test_a_robot_with_all_feet_on_the_board_notices_no_edge(motor_fmu):
     assert not within.outcome
     for one, other in zip(without.samples, within.samples, strict=True):
         assert one.tobytes() == other.tobytes()
+
+
+@pytest.mark.parametrize(("row", "direction"), [(25, NORTH), (4, SOUTH)])
+def test_a_shielded_robot_keeps_its_feet_on_the_board(motor_fmu, row, direction):
+    """It would leave the board: it drives on beyond the end of its move for 4 s."""
+    world = World(edge=True, payload_g=5.0, payload_offset_mm=(8.0, 0.0))
+    timing = CoSimConfig().timing._replace(rl_step_s=6.0)
+    config = replace(CoSimConfig().in_world(world), shield=SHIELD, through=True, timing=timing)
+    start = (15, row)
+    system = CoSimulation(Scenario("rim", "", ((15, 15),), ((start,),)), motor_fmu, config)
+    system.reset((start,), 0)
+    samples = system.advance(np.array([direction])).samples
+    assert not system.outcome
+    offsets = foot_positions(config.robot) - (*mass_of(config.robot, world).centre, 0.0)
+    angle = headings(samples.quaternion[:, 0])[:, None]
+    feet_y = samples.position[:, :1, 1] + np.sin(angle) * offsets[:, 0]
+    feet_y += np.cos(angle) * offsets[:, 1]
+    assert 0.0 < min(feet_y.min(), 0.3 - feet_y.max()) < 5e-3
+    system.close()

@@ -94,3 +94,19 @@ def test_any_content_that_is_accepted_is_harmless(motor):
             motor.do_step(time_s, 1e-4)
             motor.call("Terminate")
     assert 50 < accepted < 450
+
+
+def test_a_restored_motor_goes_on_as_the_saved_one(instance, fmi):
+    """With its inputs, its parameters, and the time that its steps owe: 6e-12 s of each."""
+    step_s, values = 1e-5 * (1.0 + 6e-7), {"omega_des": 700.0, "omega_noise": 5.0, "d": 1e-6}
+    saved, restored = instance(fmi).start(J=4e-9, **values), instance(fmi).start()
+    for k in range(101):
+        assert saved.do_step(k * step_s, step_s) == OK
+    assert restored.load(saved.save()) == OK
+    for k in range(101, 105):
+        assert saved.do_step(k * step_s, step_s) == restored.do_step(k * step_s, step_s) == OK
+        assert saved.save() == restored.save()
+        found = [
+            motor.get("theta", "omega", "V_s", "i", *values, "J") for motor in (saved, restored)
+        ]
+        assert found[0] == found[1]

@@ -1,0 +1,92 @@
+"""The map between motor speeds and motion, of trials that are made up: by definition, not by it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration, CalibrationError
+from cosim.model.config import CoSimConfig
+from cosim.model.params import STEERING
+
+SPEEDS = (500.0, 600.0, 700.0, 800.0)
+
+
+def calibration_of(
+    restitution: float = 0.0,
+    airborne: Sequence[float] = (0.0,) * len(SPEEDS),
+    **means: Sequence[float],
+) -> Calibration:
+    """Trials at SPEEDS, two of each 1 % apart; `means` of a manoeuvre, others are linear."""
+    rows = []
+    for name, (d, e) in MANOEUVRES.items():
+        usual = [1e-5 * speed for speed in SPEEDS]
+        points = zip(SPEEDS, means.get(name, usual), airborne, strict=True)
+        for speed, mean, share in points:
+            for off in (-0.01, 0.01):
+                motion = e * mean * (1.0 + off)
+                drives = (motion, 0.0) if name in DRIVES else (0.0, motion)
+                rows.append((d * speed, e * speed, *drives, share))
+    table = np.array(rows)
+    none = np.zeros(len(rows))
+    return Calibration(
+        table[:, :2],
+        0.99 * table[:, :2],
+        none,
+        np.ones(len(rows), dtype=bool),
+        table[:, 2],
+        none,
+        table[:, 3],
+        table[:, 4],
+        none,
+        np.array(restitution),
+    )
+
+
+@pytest.mark.parametrize("manoeuvre", MANOEUVRES)
+def test_a_curve_has_the_means_and_the_scatter_of_its_trials(manoeuvre):
+    curve = calibration_of().curve(manoeuvre)
+    np.testing.assert_allclose(curve.omega_rad_s, 0.99 * np.array(SPEEDS))
+    np.testing.assert_allclose(curve.mean, 1e-5 * np.array(SPEEDS))
+    np.testing.assert_allclose(curve.scatter, 0.01 * curve.mean)
+
+
+@given(st.lists(st.integers(10, 90), min_size=4, max_size=4), st.floats(0.0, 1.0))
+def test_a_motor_speed_is_the_slowest_that_realises_a_motion(mm_s_10, share):
+    """Also where faster motors drive more slowly."""
+    means = [1e-4 * value for value in mm_s_10]
+    found = calibration_of(forwards=means)
+    curve = found.curve("forwards")
+    fine = np.union1d(curve.omega_rad_s, np.linspace(*curve.omega_rad_s[[0, -1]], 4001))
+    motion = np.interp(fine, curve.omega_rad_s, curve.mean)
+    assert found.largest("forwards") == pytest.approx(motion.max())
+    value = means[0] + share * (found.largest("forwards") - means[0])
+    omega = found.motor_speed("forwards", value)
+    assert np.interp(omega, curve.omega_rad_s, curve.mean) == pytest.approx(value)
+    assert omega <= fine[np.argmax(motion >= value * (1.0 - 1e-12))] + 1e-6
+
+
+def test_hops_bound_the_speed_of_every_manoeuvre():
+    airborne = (0.0, 0.0, 0.05, 0.2)
+    rigid, bouncing = (calibration_of(r, airborne) for r in (0.0, 0.1))
+    assert rigid.hop_free_rad_s == pytest.approx(0.99 * 600.0)
+    assert bouncing.hop_free_rad_s == pytest.approx(0.99 * 700.0)
+    assert rigid.largest("left") == pytest.approx(6e-3)
+    with pytest.raises(CalibrationError, match=r"6.5 mm/s .* largest possible is [56]\.\d\d mm/s"):
+        rigid.motor_speed("backwards", 6.5e-3)
+    with pytest.raises(CalibrationError, match=r"4 mm/s .* least is 5\.00 mm/s"):
+        rigid.motor_speed("forwards", 4e-3)
+    with pytest.raises(CalibrationError, match=r"hops at every motor speed from 495 rad/s"):
+        _ = calibration_of(0.5, (0.2, 0.2, 0.2, 0.2)).hop_free_rad_s
+
+
+def test_steering_gets_the_speeds_that_the_map_has():
+    found = calibration_of(backwards=[0.9e-5 * speed for speed in SPEEDS])
+    slow = STEERING._replace(drive_speed_m_s=6.3e-3, turn_rate_rad_s=6e-3)
+    steering = found.resolved(CoSimConfig(steering=slow)).steering
+    assert steering.forward_speed_rad_s == pytest.approx(0.99 * 630.0, abs=0.06)
+    assert steering.backward_speed_rad_s == pytest.approx(0.99 * 700.0, abs=0.06)
+    assert steering.turn_speed_rad_s == pytest.approx(0.99 * 600.0, abs=0.06)
+    assert steering.max_speed_rad_s == pytest.approx(0.99 * 800.0, abs=0.06)
