@@ -60,21 +60,7 @@ class Calls(NamedTuple):
 @inlined
 def set_inputs(calls: Calls, signals: np.ndarray) -> tuple[int, int]:
     """Set the inputs of all motors; returns the fmi3Status and the instance that failed, if any."""
-    count, columns = calls.inputs.shape[0], signals.shape[1]
-    arrays = calls.instances.shape[0] == 1
-    for k in range(calls.instances.shape[0]):
-        if calls.instances[k] == 0:
-            continue
-        if not arrays:
-            for signal in range(count):
-                calls.values[signal] = signals[2 * signal + k % 2, k // 2]
-        values = signals.ctypes.data if arrays else calls.values.ctypes.data
-        size = 2 * count * columns if arrays else count
-        arguments = (calls.instances[k], calls.inputs.ctypes.data, count, values, size)
-        status = exchange_3(calls.set_float64, arguments)
-        if status > FMI_WARNING:
-            return status, k
-    return FMI_OK, 0
+    return _exchange(calls, calls.set_float64, calls.inputs, signals, 0, calls.instances.shape[0])
 
 
 @inlined
@@ -82,15 +68,26 @@ def get_signals(
     calls: Calls, references: np.ndarray, signals: np.ndarray, first: int, end: int
 ) -> tuple[int, int]:
     """Get outputs of the motors of instances `first` to `end` − 1; returns as `set_inputs`."""
+    return _exchange(calls, calls.get_float64, references, signals, first, end)
+
+
+@inlined
+def _exchange(
+    calls: Calls, function: int, references: np.ndarray, signals: np.ndarray, first: int, end: int
+) -> tuple[int, int]:
+    """Set or get signals; a setter's come back, and a getter's go, as they are."""
     count, columns = references.shape[0], signals.shape[1]
     arrays = calls.instances.shape[0] == 1
     for k in range(first, end):
         if calls.instances[k] == 0:
             continue
+        if not arrays:
+            for signal in range(count):
+                calls.values[signal] = signals[2 * signal + k % 2, k // 2]
         values = signals.ctypes.data if arrays else calls.values.ctypes.data
         size = 2 * count * columns if arrays else count
         arguments = (calls.instances[k], references.ctypes.data, count, values, size)
-        status = exchange_3(calls.get_float64, arguments)
+        status = exchange_3(function, arguments)
         if status > FMI_WARNING:
             return status, k
         if not arrays:

@@ -7,7 +7,7 @@ import numpy as np
 
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
-from cosim.machine.identification.parameters import machine
+from cosim.machine.identification.simulated import machine
 from cosim.machine.identification.track import FRAME_RATE_HZ, HOLD_S, SEQUENCE, SeenTrack
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II, MotorParams
@@ -26,7 +26,7 @@ class Truth(NamedTuple):
     """A machine that was drawn.
 
     Attributes:
-        values: (8,), see `cosim.machine.identification.parameters`.
+        values: (8,), see `cosim.machine.identification.simulated`.
         motors: D and E.
     """
 

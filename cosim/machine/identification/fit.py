@@ -14,15 +14,15 @@ from cosim.machine.identification.noise import (
     likeliest_noise,
     residuals,
 )
-from cosim.machine.identification.parameters import (
+from cosim.machine.identification.simulated import (
     NAMES,
     PARAMETERS,
     SPREADS,
     STEPS,
+    Simulated,
     limits,
     usual_values,
 )
-from cosim.machine.identification.simulated import Simulated
 from cosim.machine.identification.track import SeenTrack
 
 ROUNDS = 8  # at most, of parameters with the noise fixed, and noise with the parameters fixed
@@ -36,7 +36,7 @@ class Fit(NamedTuple):
     """Parameters that fit a track best.
 
     Attributes:
-        values: (8,) in SI units, see `cosim.machine.identification.parameters`.
+        values: (8,) in SI units, see `cosim.machine.identification.simulated`.
         covariance: (8, 8) of them, of Gauss and Newton: the inverse of JᵀJ.
         noise: of the track.
         residuals: (n − 1, 3) of x, y and heading, of variance 1.

@@ -16,8 +16,13 @@ from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.parameters import with_motor
 from cosim.machine.identification.fit import QUANTILE, UNKNOWN, Fit, fit, rises, unidentifiable
 from cosim.machine.identification.noise import Noise
-from cosim.machine.identification.parameters import PARAMETERS, SPREADS, machine
-from cosim.machine.identification.simulated import Simulated, motor_speeds
+from cosim.machine.identification.simulated import (
+    PARAMETERS,
+    SPREADS,
+    Simulated,
+    machine,
+    motor_speeds,
+)
 from cosim.machine.identification.track import SeenTrack
 from cosim.model.config import CoSimConfig
 from cosim.model.preset import Preset
@@ -32,7 +37,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     """A parameter in identification.json, SI units.
 
     Attributes:
-        name, description: see `cosim.machine.identification.parameters.RobotParameter`.
+        name, description: see `cosim.machine.identification.simulated.RobotParameter`.
         value: that fits best.
         low, high: interval of 95 %, by the covariance of Gauss and Newton.
         identifiable: whether the track says more of it than was assumed before.
@@ -56,7 +61,7 @@ class Identification(msgspec.Struct, frozen=True, kw_only=True):
         track: the file.
         preset: what was taken for all else.
         frames, duration_s: of the track.
-        parameters: in the order of `cosim.machine.identification.parameters`.
+        parameters: in the order of `cosim.machine.identification.simulated`.
         unidentifiable: what the track says nothing of, as text.
         noise: of the camera, and how the robot strays from any simulation, by largest likelihood.
         evaluations: batches of simulations.

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from cosim.base.table import Column, Columns, known, markdown
+from cosim.base.table import Column, Columns, markdown
 from cosim.machine.validation.driving import PARAMETERS, MeasuredSpeed, v_meant_m, value_of
 from cosim.machine.validation.published import PublishedPath, PublishedSpeed, step_um
 from cosim.model.preset import find_preset
@@ -165,37 +165,50 @@ def _path_row(path: PublishedPath | None, dithered: bool, driven: list[list[floa
     }
 
 
-def _field(name: str, form: str = "{}", heading: str | None = None) -> Column:
-    return Column(heading or name.replace("_", " "), lambda row: known(row[name], form))
-
-
-def _source(by: str, certainty: Callable[[Row], str]) -> Column:
-    """Who published what is in the column `by`, and how certain it is."""
+def _source(published: str, certainty: str) -> Callable[[Row], str]:
+    """Who published what is in the column `published`, and how certain it is."""
+    form = "{source}, " + certainty
 
     def text(row: Row) -> str:
-        who = row["source"].partition(",")[0]
-        return f"{who}, {certainty(row)}" if row[by] not in {None, ()} else "–"
+        short = row | {"source": row["source"].partition(",")[0]}
+        return form.format(**short) if row[published] not in {None, ()} else "–"
 
-    return Column("source", text)
+    return text
 
 
-_PRESET, _OMEGA = _field("preset"), _field("motor_speed_rad_s", "{:.0f}", "rad/s")
-_PUBLISHED, _RATIO = _field("published", "{:g}"), _field("ratio", "{:.2f}")
-_RANGE = "{simulated:.2f} ({least:.2f} to {largest:.2f}) {unit}"
-_TABLES: dict[str, tuple[str, Columns]] = {
+def _column(heading: str, form: str | Callable[[Row], str]) -> Column:
+    """Return a column; a dash where a value of the format is None."""
+    if callable(form):
+        return Column(heading, form)
+
+    def text(row: Row) -> str:
+        try:
+            return form.format(**row)
+        except TypeError:
+            return "–"
+
+    return Column(heading, text)
+
+
+_PRESET, _OMEGA = ("preset", "{preset}"), ("rad/s", "{motor_speed_rad_s:.0f}")
+_RATIO = ("ratio", "{ratio:.2f}")
+_TABLES: dict[str, tuple[str, tuple[tuple[str, str | Callable[[Row], str]], ...]]] = {
     "Speeds": (
         "speeds",
         (
             _PRESET,
-            _field("manoeuvre"),
+            ("manoeuvre", "{manoeuvre}"),
             _OMEGA,
-            Column("simulated (range over phases)", lambda row: _RANGE.format(**row)),
-            _field("airborne_share", "{:.0%}", "in the air"),
-            _PUBLISHED,
+            (
+                "simulated (range over phases)",
+                "{simulated:.2f} ({least:.2f} to {largest:.2f}) {unit}",
+            ),
+            ("in the air", "{airborne_share:.0%}"),
+            ("published", "{published:g}"),
             _RATIO,
-            _field("step_um", "{:.1f} µm", "step, simulated"),
-            _field("published_step_um", "{:.1f} µm (derived)", "published"),
-            _source("published", lambda row: row["certainty"]),
+            ("step, simulated", "{step_um:.1f} µm"),
+            ("published", "{published_step_um:.1f} µm (derived)"),
+            ("source", _source("published", "{certainty}")),
         ),
     ),
     "Backwards": (
@@ -203,10 +216,10 @@ _TABLES: dict[str, tuple[str, Columns]] = {
         (
             _PRESET,
             _OMEGA,
-            _field("simulated", "{:.2f}", "backwards over forwards, simulated"),
-            _field("published", "{:.2f}"),
+            ("backwards over forwards, simulated", "{simulated:.2f}"),
+            ("published", "{published:.2f}"),
             _RATIO,
-            _source("published", lambda _: "derived"),
+            ("source", _source("published", "derived")),
         ),
     ),
     "What a speed depends on": (
@@ -214,32 +227,29 @@ _TABLES: dict[str, tuple[str, Columns]] = {
         (
             _PRESET,
             _OMEGA,
-            _field("parameter"),
-            _field("value", "{:.3g}"),
-            _field("dynamics", "{:+.2f}"),
-            _field("platform", "{:+.2f}"),
-            _field("explains", "{:.3g}"),
+            ("parameter", "{parameter}"),
+            ("value", "{value:.3g}"),
+            ("dynamics", "{dynamics:+.2f}"),
+            ("platform", "{platform:+.2f}"),
+            ("explains", "{explains:.3g}"),
         ),
     ),
     "Paths by the clock": (
         "paths",
         (
-            _field("path"),
-            Column("dither", lambda row: "on" if row["dithered"] else "off"),
-            _field("off_mm", "{:.1f} mm", "off, simulated"),
-            _field("off_largest_mm", "{:.1f} mm", "largest"),
-            _field("sideways_mm", "{:+.1f} mm", "to the left"),
-            Column(
-                "turned, simulated",
-                lambda row: "{turned_deg:+.1f} ± {turned_scatter_deg:.1f}°".format(**row),
-            ),
-            Column(
+            ("path", "{path}"),
+            ("dither", lambda row: "on" if row["dithered"] else "off"),
+            ("off, simulated", "{off_mm:.1f} mm"),
+            ("largest", "{off_largest_mm:.1f} mm"),
+            ("to the left", "{sideways_mm:+.1f} mm"),
+            ("turned, simulated", "{turned_deg:+.1f} ± {turned_scatter_deg:.1f}°"),
+            (
                 "off, published",
                 lambda row: " and ".join(f"{off:g} mm" for off in row["published_mm"]) or "–",
             ),
             _RATIO,
-            _field("published_deg", "{:g}°", "turned"),
-            _source("published_mm", lambda _: "seen"),
+            ("turned", "{published_deg:g}°"),
+            ("source", _source("published_mm", "seen")),
         ),
     ),
 }
@@ -255,7 +265,10 @@ class TitledTable(NamedTuple):
 
 def tables(report: ValidationReport) -> list[TitledTable]:
     """Return all tables."""
-    return [TitledTable(title, c, getattr(report, rows)) for title, (rows, c) in _TABLES.items()]
+    return [
+        TitledTable(title, [_column(*column) for column in columns], getattr(report, rows))
+        for title, (rows, columns) in _TABLES.items()
+    ]
 
 
 def text_of(report: ValidationReport) -> str:

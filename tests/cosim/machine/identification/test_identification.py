@@ -10,7 +10,7 @@ import pytest
 from cosim.machine.identification.fit import Fit, unidentifiable
 from cosim.machine.identification.motion import Machine, tracks
 from cosim.machine.identification.noise import Noise, deviance, likeliest_noise, residuals
-from cosim.machine.identification.parameters import NAMES, SPREADS, usual_values
+from cosim.machine.identification.simulated import NAMES, SPREADS, usual_values
 from cosim.machine.identification.track import (
     COLUMNS,
     HOLD_S,
