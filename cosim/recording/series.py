@@ -25,7 +25,7 @@ ON_TARGET, IN_ZONE = "enters another robot's target", "enters the restricted zon
 NOT_ARRIVED = "has not arrived"
 OUTCOME, STILL_RUNNING = "/outcome", "running"
 REWARD_PARTS = ("goal or failure", "step", "nearness")  # Eq. (8) and (11)
-_DE, _ABC, _XY = ("D", "E"), ("A", "B", "C"), ("x", "y")
+_DE, _ABC, _XY, _HEADING = ("D", "E"), ("A", "B", "C"), ("x", "y"), ("heading",)
 _COVARIANCE = ("xx", "xy", "yy", "x heading", "y heading", "heading")
 
 
@@ -70,11 +70,9 @@ SIGNALS = (
     SignalSpec("motors/integral", _DE, "rad", "loop", "last", lambda s: s.integral),
     SignalSpec("motors/disturbance", _DE, "N.m", "loop", "last", lambda s: s.disturbance),
     SignalSpec("position", _XY, "m", "pose", "last", lambda s: s.position[..., :2]),
-    SignalSpec("heading", ("heading",), "rad", "pose", "last", lambda s: headings(s.quaternion)),
+    SignalSpec("heading", _HEADING, "rad", "pose", "last", lambda s: headings(s.quaternion)),
     SignalSpec("estimate/position", _XY, "m", "pose", "last", lambda s: s.estimate[..., :2]),
-    SignalSpec(
-        "estimate/heading", ("heading",), "rad", "pose", "last", lambda s: s.estimate[..., 2]
-    ),
+    SignalSpec("estimate/heading", _HEADING, "rad", "pose", "last", lambda s: s.estimate[..., 2]),
     SignalSpec(
         "estimate/covariance",
         _COVARIANCE,
