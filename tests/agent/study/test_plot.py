@@ -1,6 +1,7 @@
 """Plots of a study: every quantity at its values, legends that are whole, maps over two axes."""
 
 from itertools import product
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -35,7 +36,8 @@ def table_of(policies, **axes) -> StudyTable:
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_points_and_bars_are_the_quantity_at_the_value_of_the_axis(quantity):
     table = table_of(["near", "far"], mu=[0.3, 0.1, 0.2])
-    (panel,) = table.plot(quantity=quantity).axes
+    figure: Any = table.plot(quantity=quantity)
+    (panel,) = figure.axes
     assert panel.get_xlabel() == "mu"
     assert panel.get_ylabel() == QUANTITIES[quantity][0]
     for container, policy in zip(panel.containers, ("near", "far"), strict=True):
@@ -59,7 +61,7 @@ def test_points_and_bars_are_the_quantity_at_the_value_of_the_axis(quantity):
 @pytest.mark.parametrize("quantity", ["success", "collision", "path_length_cm"])
 def test_two_axes_give_a_map(quantity):
     table = table_of(["near", "far"], mu=[0.3, 0.1], world=["wood", "glass", "ice"])
-    figure = table.plot(quantity=quantity)
+    figure: Any = table.plot(quantity=quantity)
     panels = [axes for axes in figure.axes if axes.get_title(loc="left")]
     assert [axes.get_title(loc="left") for axes in panels] == [
         "near, scenario 2",
@@ -82,7 +84,7 @@ def test_two_axes_give_a_map(quantity):
 
 @pytest.mark.parametrize("policies", [["near", LONG], [f"policy number {k}" for k in range(12)]])
 def test_legends_titles_and_labels_lie_within_the_figure(policies):
-    figure = table_of(policies, mu=[0.1, 0.2]).plot()
+    figure: Any = table_of(policies, mu=[0.1, 0.2]).plot()
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     (legend,) = figure.legends

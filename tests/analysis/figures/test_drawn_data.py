@@ -55,7 +55,7 @@ def variant(label: str, scenario: str, runs: int, seed: int) -> learning.Variant
     return learning.VariantCurves(label, scenario, tuple(log(run) for run in range(runs)))
 
 
-def assert_curves(axes, variants, name: str, factor: float, episode: str) -> None:
+def assert_curves(axes: Any, variants, name: str, factor: float, episode: str) -> None:
     """Means are the lines with labels; few runs have a line each, more a band within limits."""
     means = [line for line in axes.lines if not line.get_label().startswith("_")]
     bands = [each for each in axes.collections if isinstance(each, PolyCollection)]
@@ -79,7 +79,8 @@ def assert_curves(axes, variants, name: str, factor: float, episode: str) -> Non
 @pytest.mark.parametrize("runs", [2, 6])
 def test_learning_curves(runs):
     variants = {name: variant(f"c = {name}", "4", runs, 7 * k) for k, name in enumerate("ab")}
-    success, path, greedy_success, greedy_path = learning.draw_learning_curves(variants).axes
+    figure: Any = learning.draw_learning_curves(variants)
+    success, path, greedy_success, greedy_path = figure.axes
     for axes, name, episode in (
         (success, "success", "episode"),
         (path, "path_length_cm", "episode"),
@@ -94,7 +95,7 @@ def test_learning_curves(runs):
 
 
 def test_bands_end_at_what_is_possible():
-    axes = plt.figure().add_subplot()
+    axes: Any = plt.figure().add_subplot()
     rates = np.array([[100.0, 0.0]] * 3 + [[10.0, 90.0], [20.0, 80.0], [30.0, 70.0]])
     learning.plot_band(axes, np.array([1e6, 2e6]), rates, "x", 100.0)
     (band,) = axes.collections
@@ -106,7 +107,7 @@ def test_bands_end_at_what_is_possible():
 @pytest.mark.parametrize("runs", [2, 6])
 def test_learning_curves_by_scenario(runs):
     variants = {f"{s}-{k}": variant(f"{s}, {k}", s, runs, 7 * k) for s in "46" for k in (0, 1)}
-    axes = np.reshape(np.array(learning.draw_by_scenario(variants).axes, dtype=object), (2, 2))
+    axes: Any = np.reshape(np.array(learning.draw_by_scenario(variants).axes, dtype=object), (2, 2))
     for column, scenario in enumerate("46"):
         own = [each for each in variants.values() if each.scenario == scenario]
         assert axes[0, column].get_title(loc="left") == f"scenario {scenario}"
@@ -127,7 +128,7 @@ def test_ratios_to_the_optimum(runs):
         return SimpleNamespace(scenario=f"s{seed}", runs=of_runs, over_runs=over)
 
     variants = {str(seed): one(seed) for seed in (0, 10)}
-    figure = learning._draw_ratios(variants)
+    figure: Any = learning._draw_ratios(variants)
     for axes, name in zip(figure.axes, ("ratio_to_bound", "steps_ratio_to_bound"), strict=True):
         means = [each for each in axes.containers if isinstance(each, ErrorbarContainer)]
         assert len(means) == (2 if runs >= learning.LEAST_RUNS else 0)
@@ -148,7 +149,7 @@ def track(seed: int, robots: int, outcome: str) -> Track:
 
 
 def test_paths_of_one_robot():
-    axes = plt.figure().add_subplot()
+    axes: Any = plt.figure().add_subplot()
     tracks = [track(0, 1, "success"), track(5, 1, "collision")]
     paths._draw_tracks(axes, PAPER["1a"], tracks)
     for line, each, style in zip(axes.lines[::2], tracks, "-:", strict=True):
@@ -164,7 +165,7 @@ def test_paths_and_distances_of_pairs():
         for m, method in enumerate(DRIVEN_BY)
         for k, name in enumerate(paths.PAIRS)
     }
-    grid = np.reshape(np.array(paths._draw_pairs(tracks).axes, dtype=object), (3, 3))
+    grid: Any = np.reshape(np.array(paths._draw_pairs(tracks).axes, dtype=object), (3, 3))
     for (name, method), found in tracks.items():
         column, row = paths.PAIRS.index(name), DRIVEN_BY.index(method)
         for robot in (0, 1):
@@ -190,7 +191,8 @@ def test_a_turn_of_the_motors():
         "theta": theta,
     }
     cycle = Cycle(**{**arrays, "robot": "r1", "apart_rad": 0.1, "impact_n_s": 0.2})
-    force, load, speed, distance = motor_cycle.draw(cycle).axes
+    figure: Any = motor_cycle.draw(cycle)
+    force, load, speed, distance = figure.axes
     expected = (
         (force, {"driving force": cycle.driving_n, "friction": cycle.friction_n}),
         (load, {f"foot {name}": cycle.normal_n[:, k] for k, name in enumerate("ABC")}),
@@ -217,7 +219,8 @@ def test_motion_of_the_platform():
         return Motion(turns, *arrays, *numbers)
 
     result = PlatformResult(motion(0), motion(20), None)  # pyright: ignore[reportArgumentType]
-    axes = fig03.draw(result).axes
+    figure: Any = fig03.draw(result)
+    axes = figure.axes
     for row, each in zip((axes[:3], axes[3:]), (result.paper, result.table_ii), strict=True):
         factor = 1e3 if each.net_displacement_m >= 1e-4 else 1e6
         over_time = np.column_stack([1e3 * each.time_s, factor * each.position_m])

@@ -44,13 +44,17 @@ def test_curves_are_those_of_the_runs(results):
     assert list(variants) == ["2", "3", "4"]
     figure = draw_learning_curves(variants)
     behaviour, _, greedy, greedy_path = figure.axes
-    for k, variant in enumerate(variants.values()):
+    means = [
+        [line for line in axes.lines if not str(line.get_label()).startswith("_")]
+        for axes in (behaviour, greedy)
+    ]
+    for own, greedy_mean, variant in zip(*means, variants.values(), strict=True):
         log = variant.logs[0]
         assert log.episode.tolist() == [1000, 2000, 3000]
-        drawn = np.asarray(behaviour.lines[k].get_ydata())
+        drawn = np.asarray(own.get_ydata())
         np.testing.assert_allclose(drawn, 100.0 * variant.curves("success").mean(axis=0))
         final = [100.0 * run.success for run in content.variants[variant.scenario].runs]
-        assert np.asarray(greedy.lines[k].get_ydata())[-1] == pytest.approx(np.mean(final))
+        assert np.asarray(greedy_mean.get_ydata())[-1] == pytest.approx(np.mean(final))
     assert greedy_path.get_ylabel() == "path length in cm"
 
 
