@@ -108,7 +108,8 @@ def require_paths_alone(process: Process) -> None:
         UserError: it names the first of them.
     """
     for i, terrain in enumerate(process.terrain):
-        joined, _ = label(np.isin(terrain, (FREE, GOAL)), np.ones((3, 3)))
+        joined = np.zeros(terrain.shape, dtype=np.int32)
+        label(np.isin(terrain, (FREE, GOAL)), np.ones((3, 3)), output=joined)
         cells = process.start_cells[process.start_offsets[i] : process.start_offsets[i + 1]]
         without = cells[joined[tuple(cells.T + 1)] != joined[terrain == GOAL]]
         if len(without):
