@@ -13,7 +13,6 @@ import re
 import socket
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from typing import Any
 
 import joblib
@@ -57,7 +56,15 @@ def sweep(
     if jobs == 1 and backend in {"loky", "threads"}:
         yield from ((k, function(task)) for k, task in remaining.items() if may_begin())
         return
-    with _backend(backend, jobs, address, partial(_modules, function, tasks)) as deaths:
+    with contextlib.ExitStack() as stack:
+        deaths: tuple[type[BaseException], ...] = (BrokenProcessPool,)
+        if backend == "ray":
+            deaths = stack.enter_context(_ray(jobs, address))
+        elif backend == "dask":
+            needed = _modules(function, tasks) if address else []
+            deaths = stack.enter_context(_dask(jobs, address, needed))
+        name = "threading" if backend == "threads" else backend
+        stack.enter_context(joblib.parallel_config(name))
         for _ in range(ATTEMPTS):
             calls = (
                 joblib.delayed(_numbered)(function, *item)
@@ -119,22 +126,6 @@ def _numbered(function: Callable[[Any], Any], index: int, task: Any) -> tuple[in
 
 
 @contextlib.contextmanager
-def _backend(
-    name: Backend, jobs: int, address: str | None, modules: Callable[[], list[str]]
-) -> Iterator[tuple[type[BaseException], ...]]:
-    """Select a joblib backend; yields the exceptions that mean a dead worker."""
-    if name == "ray":
-        with _ray(jobs, address) as deaths, joblib.parallel_config("ray"):
-            yield deaths
-    elif name == "dask":
-        with _dask(jobs, address, modules) as deaths, joblib.parallel_config("dask"):
-            yield deaths
-    else:
-        with joblib.parallel_config("threading" if name == "threads" else name):
-            yield (BrokenProcessPool,)
-
-
-@contextlib.contextmanager
 def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], ...]]:
     # workers have the project installed, as docs/cluster.md asks: below `uv run` Ray would pack it
     # and make another environment for every worker
@@ -163,7 +154,7 @@ def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], 
 
 @contextlib.contextmanager
 def _dask(
-    jobs: int, address: str | None, modules: Callable[[], list[str]]
+    jobs: int, address: str | None, needed: list[str]
 ) -> Iterator[tuple[type[BaseException], ...]]:
     try:
         import distributed  # noqa: PLC0415 - optional
@@ -189,7 +180,7 @@ def _dask(
         ) from error
     with client:
         if address is not None:
-            _require_workers(client, modules())
+            _require_workers(client, needed)
         yield (KilledWorker,)
 
 
