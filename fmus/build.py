@@ -24,10 +24,15 @@ from fmus.compiler import (
     host_target,
     source_files,
 )
-from fmus.description import render_build_description, render_fmi2, render_fmi3
-from fmus.documentation import render_html
+from fmus.description import (
+    license_text,
+    read_origin,
+    render_build_description,
+    render_fmi2,
+    render_fmi3,
+    render_html,
+)
 from fmus.models import MODELS, ROOT, Fmi, Model, folders
-from fmus.origin import license_text, read_origin
 from fmus.variables import Table, load_table, render_header
 
 __all__ = ["BuildError", "build_fmu", "build_fmus", "cached_fmu"]

@@ -1,14 +1,18 @@
-"""XML of the FMUs' archives: model descriptions for FMI 2.0 and 3.0, and build descriptions.
+"""Texts of the FMUs' archives: model descriptions, build descriptions, documentation, licence.
 
-Only the markup of the standards lives here; what the variables are is `fmus.variables`.
+Only the markup lives here; what the variables are is `fmus.variables`.
 """
 
+import html
+import importlib.metadata
 import math
+import re
+from string import Template
+from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from fmus.compiler import PLAIN_NAMES, SAME_BITS, unit_file
-from fmus.models import Fmi
-from fmus.origin import Origin
+from fmus.models import Fmi, read_text
 from fmus.variables import TIME_REFERENCE, Table, Variable
 
 LOG_CATEGORY = "logStatusError"
@@ -22,6 +26,35 @@ _INITIAL = {
     "local": "calculated",
 }
 _ENUMERATION = "Solver"
+
+
+class Origin(NamedTuple):
+    """Origin of the FMU; fields are named as the model descriptions' attributes.
+
+    Attributes:
+        version: of this project.
+        author: holder of the copyright.
+        copyright: the licence's line of it.
+        license: SPDX name of the licence.
+    """
+
+    version: str
+    author: str
+    copyright: str
+    license: str
+
+
+def license_text() -> str:
+    """The licence in full."""
+    return str(importlib.metadata.distribution("minirobots").read_text("licenses/LICENSE"))
+
+
+def read_origin() -> Origin:
+    """Origin of the FMU, from the project's metadata and licence."""
+    project = importlib.metadata.distribution("minirobots")
+    (line,) = re.findall(r"^Copyright .*$", license_text(), re.MULTILINE)
+    author = re.sub(r"^Copyright \(c\) \d+ ", "", line)
+    return Origin(project.version, author, line, project.metadata["License-Expression"])
 
 
 def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
@@ -224,3 +257,36 @@ def _to_bytes(root: ET.Element) -> bytes:
     """A document as a file's content, the same for equal documents."""
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def render_html(table: Table) -> bytes:
+    """`documentation/index.html` of the archive.
+
+    Args:
+        table: the variables.
+    """
+    template = Template(read_text(table.name, "documentation.html"))
+    rows = "\n".join(_html_row(variable) for variable in table.variables)
+    values = {
+        "name": table.name,
+        "description": table.description,
+        "rows": rows,
+        "more": read_text(table.name, f"{table.name}.html"),
+    }
+    return template.substitute(values).encode()
+
+
+def _html_row(variable: Variable) -> str:
+    def limit(value: float | None) -> str:
+        return "" if value is None else f"{value:g}"
+
+    cells = (
+        variable.name,
+        variable.causality,
+        variable.unit or variable.type,
+        "" if variable.start is None else f"{variable.start}",
+        limit(variable.min),
+        limit(variable.max),
+        variable.description,
+    )
+    return "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + "</tr>"

@@ -1,6 +1,7 @@
-"""Results of the default configuration that are in the packages: of this code, with these bits.
+"""Results of the default configuration that are in the packages: found, and with these bits.
 
-Where code that decides them has changed, measure them again (40 s of processor time):
+Where a default, the FMU or the `VERSION` of a producer has changed, measure them again (40 s of
+processor time):
 `PACKAGED=write uv run --group test pytest -n 0 -m slow tests/test_packaged.py`. If bits change
 with it, CHANGELOG says so.
 """
@@ -70,7 +71,7 @@ def empty_cache(tmp_path, monkeypatch) -> Path:
 
 def test_nothing_is_measured_where_everything_has_its_default(empty_cache, monkeypatch):
     def make(path: Path) -> None:
-        raise AssertionError(f"{path} is of changed code: write it again as above in this file")
+        raise AssertionError(f"{path} is of another version: write it again as above in this file")
 
     monkeypatch.setattr("cosim.base.storage.lock_of", make)
     for default in DEFAULTS.values():

@@ -25,11 +25,12 @@ from agent.training.loop import TrainingLog
 from agent.training.policy import Policy, PolicyConfig, Seed, read_policy
 from agent.training.recording import write_training
 from agent.training.settings import LearningConfig
-from agent.training.store import POLICY_FILE, config_digest, load_run, save_run, train_policy
+from agent.training.store import POLICY_FILE, load_run, save_run, train_policy
 from cosim.base.backends import sweep
 from cosim.base.errors import UserError
 from cosim.base.jobs import PROCESSES, JobKind, Workers, run
 from cosim.base.progress import Progress, silent
+from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
 from cosim.model.scenario import Scenario
@@ -79,7 +80,7 @@ class RunTask(NamedTuple):
     @property
     def key(self) -> tuple[str, int]:
         """Equal for equal runs."""
-        return config_digest(self.config), self.run
+        return digest_of(self.config), self.run
 
 
 class RunResult(NamedTuple):
@@ -181,7 +182,7 @@ class _Runs:
             "scenario": job.config.scenario.name,
             "seed": self._seed,
             "run": job.run,
-            "config_digest": config_digest(job.config),
+            "config_digest": digest_of(job.config),
         }
         folder = self._out / run_name(job.run)
         write_training(folder / RECORDING_FILE, row.policy, row.log, facts)

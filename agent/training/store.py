@@ -24,18 +24,12 @@ from cosim.base.storage import cache_dir, cached, load_or_create, require_no_fol
 POLICY_FILE = "policy.npz"
 LOG_FILE = "training.npz"
 
-
 _LOGGER = logging.getLogger(__name__)
-
-
-def config_digest(config: PolicyConfig) -> str:
-    """Hash (16 hex digits) of everything that decides a policy's bits."""
-    return digest_of(config)
 
 
 def policy_folder(config: PolicyConfig) -> Path:
     """Return where the cache keeps the policy of a configuration."""
-    return cache_dir("policies") / f"{config.scenario.name}-{config_digest(config)}"
+    return cache_dir("policies") / f"{config.scenario.name}-{digest_of(config)}"
 
 
 def train_policy(

@@ -5,8 +5,13 @@ else. What a task does is the caller's.
 """
 
 import contextlib
+import io
 import itertools
+import multiprocessing
 import os
+import re
+import socket
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -15,10 +20,13 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from cosim.base.errors import installing
 from cosim.base.jobs import Backend, BackendError, Workers, always
+from cosim.base.provenance import NotingPickler
 
 ATTEMPTS = 4  # of a task after its worker died; a task that kills every worker must end
 
 CONNECT_TIMEOUT_S = 10.0  # to a cluster's head
+# Protocols of addresses; one without a protocol is of the first.
+_SCHEMES = {"dask": ("tcp", "tls", "ws", "wss"), "ray": ("ray",)}
 
 
 def sweep(
@@ -42,11 +50,21 @@ def sweep(
         BackendError: the backend is not installed or cannot be reached, or workers keep dying.
     """
     jobs, backend, address = where.jobs, where.backend, where.address
+    if address is not None and address != "auto":
+        _require_listener(backend, address)
     remaining = dict(enumerate(tasks))
     if jobs == 1 and backend in {"loky", "threads"}:
         yield from ((k, function(task)) for k, task in remaining.items() if may_begin())
         return
-    with _backend(backend, jobs, address) as deaths:
+    with contextlib.ExitStack() as stack:
+        deaths: tuple[type[BaseException], ...] = (BrokenProcessPool,)
+        if backend == "ray":
+            deaths = stack.enter_context(_ray(jobs, address))
+        elif backend == "dask":
+            needed = _modules(function, tasks) if address else []
+            deaths = stack.enter_context(_dask(jobs, address, needed))
+        name = "threading" if backend == "threads" else backend
+        stack.enter_context(joblib.parallel_config(name))
         for _ in range(ATTEMPTS):
             calls = (
                 joblib.delayed(_numbered)(function, *item)
@@ -66,6 +84,31 @@ def sweep(
     )
 
 
+def _require_listener(backend: Backend, address: str) -> None:
+    """Refuse an address at which nothing answers: the backends would try for minutes."""
+    schemes = _SCHEMES[backend]
+    found = re.fullmatch(r"(?:(\w+)://)?(\[[^]]+\]|[^/:\s]+):(\d{1,5})", address)
+    if not found or (found[1] or schemes[0]) not in schemes:
+        raise BackendError(
+            f"--address {address} is invalid; give HOST:PORT, as in {schemes[0]}://HOST:8786"
+        )
+    try:
+        place = found[2].strip("[]"), int(found[3])
+        socket.create_connection(place, CONNECT_TIMEOUT_S).close()
+    except (OSError, OverflowError, UnicodeError) as error:
+        raise BackendError(
+            f"no {backend.title()} cluster answers at {address}; check the address"
+        ) from error
+
+
+def _modules(*objects: Any) -> list[str]:
+    """Return the names of modules that another process needs to read objects."""
+    pickler = NotingPickler(io.BytesIO())
+    with contextlib.suppress(Exception):  # what pickle cannot write, a backend may send by value
+        pickler.dump(objects)
+    return sorted(pickler.modules - {"__main__", "builtins"})
+
+
 def _results(backend: Backend, jobs: int, calls: Iterator[Any]) -> Iterator[Any]:
     if backend != "ray":
         yield from joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(calls)
@@ -80,22 +123,6 @@ def _results(backend: Backend, jobs: int, calls: Iterator[Any]) -> Iterator[Any]
 
 def _numbered(function: Callable[[Any], Any], index: int, task: Any) -> tuple[int, Any]:
     return index, function(task)
-
-
-@contextlib.contextmanager
-def _backend(
-    name: Backend, jobs: int, address: str | None
-) -> Iterator[tuple[type[BaseException], ...]]:
-    """Select a joblib backend; yields the exceptions that mean a dead worker."""
-    if name == "ray":
-        with _ray(jobs, address) as deaths, joblib.parallel_config("ray"):
-            yield deaths
-    elif name == "dask":
-        with _dask(jobs, address) as deaths, joblib.parallel_config("dask"):
-            yield deaths
-    else:
-        with joblib.parallel_config("threading" if name == "threads" else name):
-            yield (BrokenProcessPool,)
 
 
 @contextlib.contextmanager
@@ -117,7 +144,7 @@ def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], 
         else:
             ray.init(address=address, log_to_driver=False)
     except ConnectionError as error:
-        raise BackendError(f"no Ray cluster at {address}; check the address") from error
+        raise BackendError(f"no Ray cluster answers at {address}; check the address") from error
     register_ray()
     try:
         yield (RayActorError, WorkerCrashedError)
@@ -126,12 +153,16 @@ def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], 
 
 
 @contextlib.contextmanager
-def _dask(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], ...]]:
+def _dask(
+    jobs: int, address: str | None, needed: list[str]
+) -> Iterator[tuple[type[BaseException], ...]]:
     try:
         import distributed  # noqa: PLC0415 - optional
         from distributed.scheduler import KilledWorker  # noqa: PLC0415
     except ImportError as error:
         raise BackendError(f"dask is not installed; run `{installing('dask')}`") from error
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        sys.exit(1)  # a worker that runs the user's script again, which started it
     try:
         if address is None:
             cores = joblib.cpu_count() if jobs < 0 else jobs
@@ -141,6 +172,41 @@ def _dask(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException],
         else:
             client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S)
     except OSError as error:
-        raise BackendError(f"no Dask scheduler at {address}; check the address") from error
+        raise BackendError(f"no Dask cluster answers at {address}; check the address") from error
+    except RuntimeError as error:
+        raise BackendError(
+            f"Dask cannot start workers ({error}); in a script, make the call below "
+            'if __name__ == "__main__":'
+        ) from error
     with client:
+        if address is not None:
+            _require_workers(client, needed)
         yield (KilledWorker,)
+
+
+def _require_workers(client: Any, names: list[str]) -> None:
+    """Refuse a Dask cluster without workers, or without modules: it would wait for ever."""
+
+    def missing() -> list[str]:  # sent by value, as it is of no module's names
+        import importlib  # noqa: PLC0415
+
+        def lacks(name: str) -> bool:
+            try:
+                importlib.import_module(name)
+            except ImportError:
+                return True
+            return False
+
+        return [name for name in names if lacks(name)]
+
+    try:
+        client.wait_for_workers(1, CONNECT_TIMEOUT_S)
+    except TimeoutError as error:
+        raise BackendError("the Dask cluster has no workers; start some") from error
+    places = client.run(missing) | {"scheduler": client.run_on_scheduler(missing)}
+    for place, lacking in places.items():
+        if lacking:
+            raise BackendError(
+                f"the cluster's {place} cannot import {lacking[0]}; install it on every machine, "
+                "or add its folder to PYTHONPATH there"
+            )

@@ -46,7 +46,7 @@ def identity_of(thing: object) -> str | None:
     try:
         module = sys.modules[kind.__module__]
         source = Path(inspect.getfile(module)).read_bytes()
-        pickler = _Pickler(state)
+        pickler = NotingPickler(state)
         pickler.dump(thing)
         others = (sys.modules.get(name) for name in sorted(pickler.modules - {kind.__module__}))
         files = (getattr(other, "__file__", None) or "" for other in others)
@@ -57,7 +57,7 @@ def identity_of(thing: object) -> str | None:
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
-class _Pickler(pickle.Pickler):
+class NotingPickler(pickle.Pickler):
     """Pickler that notes in `modules` where what it pickles and its base classes are defined."""
 
     def __init__(self, file: io.BytesIO) -> None:
@@ -65,6 +65,7 @@ class _Pickler(pickle.Pickler):
         self.modules: set[str] = set()
 
     def reducer_override(self, obj: Any) -> Any:
+        """Note the module of an object, and have it pickled as usual."""
         kind = obj if isinstance(obj, type) else type(obj)
         self.modules |= {base.__module__ for base in kind.__mro__}
         self.modules |= {getattr(obj, "__module__", None) or "builtins"}

@@ -15,7 +15,7 @@ class Reproduce(Resumable):
 
     Results go to DIR/results, figures to DIR/figures. DIR/report/index.html is the report, a page
     with every figure next to the paper's claim and with all tables, which opens from disk. The same
-    command continues after an interrupt: stages that the same code has finished are kept, an
+    command continues after an interrupt: stages that this version has finished are kept, an
     interrupted sweep continues with its next run. The time of each stage is in
     DIR/results/timings.json.
     """

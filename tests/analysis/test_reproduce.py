@@ -87,6 +87,15 @@ def test_other_profiles_and_seeds_are_refused(out, tiny):
         Reproduce(out=out, report_only=True, quick=True)
 
 
+def test_stages_of_another_version_are_made_again(tmp_path, tiny, monkeypatch):
+    timings = Timings(tmp_path, tiny, seed=0)
+    with timings.stage("fig08"):
+        pass
+    assert timings.finished("fig08")
+    monkeypatch.setattr("agent.training.learning.VERSION", 2)
+    assert not Timings(tmp_path, tiny, seed=0).finished("fig08")
+
+
 def test_interrupted_stage_is_not_finished_and_its_time_counts(tmp_path, tiny):
     timings = Timings(tmp_path, tiny, seed=0)
     with pytest.raises(KeyboardInterrupt), timings.stage("fig08"):

@@ -3,9 +3,12 @@
 import contextlib
 import os
 import signal
+import subprocess
+import sys
 import time
+from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -129,8 +132,50 @@ def test_an_address_without_a_cluster_is_refused():
         Workers(jobs=2, backend="dask", address="tcp://127.0.0.1:9")
 
 
-@pytest.mark.long
-def test_a_cluster_that_is_not_there_is_refused(monkeypatch):
+@pytest.mark.parametrize("address", ["head", "tcp://head", "http://head:1", "ray:1:2", "a:b"])
+@pytest.mark.parametrize("backend", ["dask", "ray"])
+def test_an_address_that_is_none_is_refused(backend, address):
+    with pytest.raises(BackendError, match=r"--address .* is invalid; give HOST:PORT"):
+        list(sweep(abs, [1, 2], Workers(backend=backend, address=address)))
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:9", "[::1]:9", "127.0.0.1:99999", f"{'a' * 99}:9"])
+@pytest.mark.parametrize("backend", ["dask", "ray"])
+def test_a_cluster_that_is_not_there_is_refused(backend, address):
+    with pytest.raises(BackendError, match=f"no {backend.title()} cluster answers at"):
+        list(sweep(abs, [1, 2], Workers(backend=backend, address=address)))
+
+
+SCRIPT = """
+import sys
+from cosim.base.backends import sweep
+from cosim.base.errors import run_command
+from cosim.base.jobs import Workers
+run_command(lambda: print(dict(sweep(abs, [1, 2], Workers(jobs=2, backend="dask")))))
+"""
+
+
+@pytest.mark.cluster
+def test_a_script_without_a_guard_is_told_of_it(tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT)
+    done = subprocess.run([sys.executable, path], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
+    assert 'if __name__ == "__main__":' in done.stderr
+
+
+@pytest.mark.cluster
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_cluster_that_cannot_do_the_work_is_refused(workers, tmp_path, monkeypatch):
+    from distributed import LocalCluster
+
     monkeypatch.setattr(backends, "CONNECT_TIMEOUT_S", 0.5)
-    with pytest.raises(BackendError, match="no Dask scheduler"):
-        list(sweep(abs, [1, 2], Workers(backend="dask", address="tcp://127.0.0.1:9")))
+    (tmp_path / "own_policy.py").write_text("def act(seen):\n    return seen\n")
+    options: Any = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
+    local: Any = LocalCluster(**options)
+    with local:
+        monkeypatch.syspath_prepend(tmp_path)
+        act = import_module("own_policy").act
+        said = "cannot import own_policy; install it" if workers else "has no workers"
+        with pytest.raises(BackendError, match=said):
+            list(sweep(act, [1], Workers(backend="dask", address=local.scheduler_address)))
