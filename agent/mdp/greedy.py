@@ -154,7 +154,7 @@ class GreedyPolicy(ABC):
         facing = np.ascontiguousarray(observation.direction, np.int64)
         values = self.q_values(observation)
         shown = np.where(values > 0.5 * IMPOSSIBLE, values, np.nan)
-        unit = _UNITS.get(getattr(self.config, "objective", None), "1")
+        unit = _UNITS.get(getattr(self.config, "objective", None) or "", "1")
         return Decision(greedy(values, facing), shown, unit)
 
     def reward_parts(self, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:

@@ -196,7 +196,7 @@ def _arena(
     if policy_of is not None:
         hidden += [f"- /world/{name}/{part}/**" for name in names for part in ("robot", "plan")]
         eye, up = (0.5 * width, 0.5 * height, 1.6 * max(size_m)), (0.0, 1.0, 0.0)
-    shown = {
+    shown: dict[Any, Any] = {
         f"/world/{name}/{path}": rrb.VisibleTimeRanges(
             timeline="sim_time", start=start, end=_UNTIL_CURSOR
         )

@@ -185,7 +185,7 @@ class EpisodeRecorder:
         if hasattr(self, "_file"):
             self._attempt(self._file.close)
 
-    def _later(self, work: Callable[[], None]) -> Future[None]:
+    def _later(self, work: Callable[[], None]) -> Future[Any]:
         """Have something done in the thread, in turn; nothing more after an error."""
         return self._thread.submit(lambda: self._error or self._attempt(work))
 
