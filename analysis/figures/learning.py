@@ -1,6 +1,6 @@
 """Figures 8, 10, 11 and `sequel`: learning curves of experiments; path lengths next to bounds."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -137,7 +137,7 @@ def plot_band(
     axes.fill_between(episodes, low, high, color=colour, alpha=0.25, linewidth=0)
 
 
-def _draw_pair(pair: Sequence[Axes], variant: VariantCurves, prefix: str, label: str) -> None:
+def _draw_pair(pair: Any, variant: VariantCurves, prefix: str, label: str) -> None:
     """Draw success and path length over episodes on two axes; prefix is "" or "greedy_"."""
     episodes = getattr(variant.logs[0], f"{prefix}episode")
     success = 100.0 * variant.curves(f"{prefix}success")
@@ -281,7 +281,8 @@ def _draw_ratios(variants: dict[str, VariantResult]) -> Figure:
             spread = random.uniform(-0.15, 0.15, len(values))
             axes.plot(place + spread, values, ".", color=GREY, markersize=4, alpha=0.6)
             s = variant.over_runs[key]
-            if s.runs >= LEAST_RUNS and None not in (s.mean, s.low, s.high):
+            enough = s.runs >= LEAST_RUNS
+            if enough and s.mean is not None and s.low is not None and s.high is not None:
                 below, above = s.mean - s.low, s.high - s.mean
                 bars = np.maximum([[below], [above]], 0.0)
                 axes.errorbar(place, s.mean, bars, fmt="o", color=colour, capsize=4)

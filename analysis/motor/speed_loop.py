@@ -190,8 +190,9 @@ def _measure(
             (speed[tick],) = fmu.getFloat64([reference["omega"]])
     time_s = step_s * np.arange(1, PERIODS * samples + 1)  # since the end of settling
     angle = frequency * (settling * step_s + time_s)
-    free = [np.exp(pole * time_s) for pole in merit.poles_rad_s]
-    free = [part for mode in free for part in (mode.real, mode.imag) if part.any()]
+    modes = [np.exp(pole * time_s) for pole in merit.poles_rad_s]
+    parts = (part(mode) for mode in modes for part in (np.real, np.imag))
+    free = [part for part in parts if part.any()]
     shapes = np.column_stack([np.sin(angle), np.cos(angle), *free])
     in_phase, quadrature, *_ = np.linalg.lstsq(shapes, speed[settling:], rcond=None)[0]
     return complex(in_phase, quadrature) / amplitude

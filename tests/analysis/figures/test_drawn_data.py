@@ -58,7 +58,7 @@ def variant(label: str, scenario: str, runs: int, seed: int) -> learning.Variant
 def assert_curves(axes: Any, variants, name: str, factor: float, episode: str) -> None:
     """Means are the lines with labels; few runs have a line each, more a band within limits."""
     means = [line for line in axes.lines if not line.get_label().startswith("_")]
-    bands = [each for each in axes.collections if isinstance(each, PolyCollection)]
+    bands: list[Any] = [each for each in axes.collections if isinstance(each, PolyCollection)]
     for number, (line, each) in enumerate(zip(means, variants, strict=True)):
         curves = factor * np.stack([getattr(log, name) for log in each.logs])
         episodes = getattr(each.logs[0], episode) / 1e6
