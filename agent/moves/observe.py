@@ -118,7 +118,7 @@ class _Walker:
 
 def source_digest(config: CoSimConfig, fmu: Path, worlds: WorldRange | None = None) -> str:
     """Hash (16 hex digits) of the parameters, motor FMU and worlds that moves depend on."""
-    return digest_of(config, identity_of_fmu(fmu), worlds)
+    return digest_of(config.unsourced, identity_of_fmu(fmu), worlds)
 
 
 def observe_moves(

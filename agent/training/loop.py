@@ -122,7 +122,7 @@ def move_model(config: PolicyConfig) -> MoveModel | None:
     if config.moves is None:
         return None
     scenario = config.scenario
-    contact_m = scenario.robot_diameter_m + config.process.clearance_m
+    contact_m = scenario.diameter_m + config.process.clearance_m
     return build_model(config.moves, contact_m / scenario.cell_m)
 
 

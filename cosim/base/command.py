@@ -6,6 +6,8 @@ Modules with commands import only what their options need; `main` imports the re
 
 import contextlib
 import io
+import json
+import re
 import sys
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, cast
@@ -117,5 +119,6 @@ def require_at_least(least: int, **options: float | None) -> None:
 
 
 def print_json(content: Any) -> None:
-    """Print what `--json` promises: one object on one line."""
-    print(msgspec.json.encode(content).decode())
+    """Print what `--json` promises: one object on one line, in ASCII for any terminal."""
+    text = msgspec.json.encode(content).decode()
+    print(re.sub("[^\0-\x7f]+", lambda found: json.dumps(found[0])[1:-1], text))

@@ -140,7 +140,7 @@ class _ScenarioFile(msgspec.Struct, forbid_unknown_fields=True):
     zone: Rectangle | None = None
     zone_is_obstacle: bool = False
     obstacles: list[list[_Index]] = []
-    robot_diameter_m: float = TABLE_I.diameter_m
+    robot_diameter_m: float | None = None
     world: World = IDEAL
 
 
@@ -169,7 +169,8 @@ def _read(path: Path) -> tuple[Scenario, World]:
         board = _board_of(file, path)
     else:
         try:
-            cells = file.robot_diameter_m / file.cell_m if file.cell_m > 0.0 else math.inf
+            diameter_m = file.robot_diameter_m or TABLE_I.diameter_m
+            cells = diameter_m / file.cell_m if file.cell_m > 0.0 else math.inf
             cells = cells if 0.0 < cells < math.inf else 0.0  # refused by the scenario
             board = lay_out(file.swarm, cells, file.columns, file.rows, path.parent)
         except ScenarioError as error:

@@ -109,9 +109,16 @@ def _read_targets(name: str, folder: Path) -> np.ndarray:
             f"swarm.targets = '{name}' is unknown; choose one of {', '.join(FORMATIONS)}, "
             "a list of cells, or a .csv file"
         )
-    lines = read_bytes(folder / name, _TARGETS).decode(errors="replace").split()
-    with parsing(folder / name, _TARGETS):
-        return np.array([[int(part) for part in line.split(",")] for line in lines]).reshape(-1, 2)
+    text = read_bytes(folder / name, _TARGETS).decode("utf-8-sig", errors="replace")
+    cells: list[tuple[int, int]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        with parsing(folder / name, _TARGETS):
+            if line.strip():
+                parts = tuple(int(part) for part in line.split(","))
+                if len(parts) != 2:
+                    raise ValueError(f"line {number} has {len(parts)} numbers")
+                cells.append(parts)
+    return np.array(cells).reshape(-1, 2)
 
 
 @cache

@@ -52,17 +52,17 @@ class Sensor(_Record, frozen=True, forbid_unknown_fields=True):
     """The camera over the board; at a rate of 0 poses are known exactly, every control period."""
 
     rate_hz: Annotated[
-        float, Quantity("Hz", "world", "frames of the camera per second, 0: exact poses")
+        float, Quantity("Hz", "ideal", "frames of the camera per second, 0: exact poses")
     ] = 0.0
-    delay_ms: Annotated[float, Quantity("ms", "world", "from a frame to its poses")] = 0.0
+    delay_ms: Annotated[float, Quantity("ms", "ideal", "from a frame to its poses")] = 0.0
     position_noise_mm: Annotated[
-        float, Quantity("mm", "world", "standard deviation of x and of y in a frame")
+        float, Quantity("mm", "ideal", "standard deviation of x and of y in a frame")
     ] = 0.0
     heading_noise_deg: Annotated[
-        float, Quantity("deg", "world", "standard deviation of the heading in a frame")
+        float, Quantity("deg", "ideal", "standard deviation of the heading in a frame")
     ] = 0.0
     dropout: Annotated[
-        float, Quantity("1", "world", "share of the frames in which a robot is not found")
+        float, Quantity("1", "ideal", "share of the frames in which a robot is not found")
     ] = 0.0
 
     def __post_init__(self) -> None:
@@ -112,21 +112,21 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
     mu: float | None = None
     mu_patches: tuple[Patch, ...] = ()
     motor_spread: Annotated[
-        float | None, Quantity("1", "world", "relative standard deviation of K_T, R, J and m r")
+        float | None, Quantity("1", "ideal", "relative standard deviation of K_T, R, J and m r")
     ] = None
     motor_speed_noise: float | None = None
     restitution: Annotated[
-        float | None, Quantity("1", "world", "Newton's impact law at the feet")
+        float | None, Quantity("1", "ideal", "Newton's impact law at the feet")
     ] = None
-    floor_tilt_deg: Annotated[float, Quantity("deg", "world", "slope of the floor")] = 0.0
+    floor_tilt_deg: Annotated[float, Quantity("deg", "ideal", "slope of the floor")] = 0.0
     payload_g: Annotated[
-        float, Quantity("g", "world", "on every robot, at the height of its centre of mass")
+        float, Quantity("g", "ideal", "on every robot, at the height of its centre of mass")
     ] = 0.0
     payload_offset_mm: tuple[float, float] = (0.0, 0.0)
     motor_phases_deg: tuple[float, ...] = ()
     sensor: Sensor | None = None
     obstacles: tuple[tuple[int, ...], ...] = ()
-    edge: Annotated[bool, Quantity("", "world", "whether there is no floor beyond the board")] = (
+    edge: Annotated[bool, Quantity("", "ideal", "whether there is no floor beyond the board")] = (
         False
     )
 
@@ -159,6 +159,14 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
             )
 
     @property
+    def stated(self) -> list[str]:
+        """Return the names in `CoSimConfig.table` of the values that this world states."""
+        names = [n for n in self.__struct_fields__ if getattr(self, n) != getattr(IDEAL, n)]
+        own = [parameter_name("world", n) for n in names if n not in ("sensor", "obstacles")]
+        sensor = Sensor.__struct_fields__ if self.sensor else ()
+        return own + [parameter_name("world.sensor", n) for n in sensor]
+
+    @property
     def draws(self) -> bool:
         """Return whether episodes draw anything."""
         return bool(self.motor_spread) or self.floor_tilt_deg > 0.0
@@ -179,6 +187,13 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
 
 
 IDEAL = World()  # the paper's
+
+
+def parameter_name(table: str, name: str) -> str:
+    """Return what `CoSimConfig.table` calls a field of a table of a preset or a world."""
+    if table == "world.sensor":
+        return f"sensor_{name}"
+    return "relative_amplitude" if name == "motor_speed_noise" else name
 
 
 class Drawn(msgspec.Struct, frozen=True):

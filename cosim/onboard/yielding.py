@@ -60,7 +60,7 @@ def board_of(scenario: Scenario) -> Board:
         scenario.columns,
         scenario.rows,
         scenario.cell_m,
-        scenario.robot_diameter_m,
+        scenario.diameter_m,
         scenario.walls * scenario.cell_m,
         scenario.closed * scenario.cell_m,
         targets * scenario.cell_m,

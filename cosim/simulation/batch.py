@@ -424,9 +424,9 @@ def floor_patches(scenario: Scenario, config: CoSimConfig) -> np.ndarray:
 
 def require_size(scenario: Scenario, config: CoSimConfig) -> None:
     """Refuse robots of another diameter than the scenario's; raises ConfigError."""
-    if config.robot.diameter_m != scenario.robot_diameter_m:
+    if config.robot.diameter_m != scenario.diameter_m:
         raise ConfigError(
             f"diameter_m = {config.robot.diameter_m:g} of the configuration is not "
-            f"robot_diameter_m = {scenario.robot_diameter_m:g} of scenario {scenario.name}; "
-            "use config.sized(scenario.robot_diameter_m)"
+            f"robot_diameter_m = {scenario.diameter_m:g} of scenario {scenario.name}; "
+            "use config.sized(scenario.diameter_m)"
         )

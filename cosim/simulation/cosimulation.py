@@ -43,9 +43,7 @@ class CoSimulation:
     ) -> None:
         self.scenario = scenario
         motor_fmu = taken("motor_fmu", motor_fmu, Path)
-        self.config = with_motor(
-            config or CoSimConfig().sized(scenario.robot_diameter_m), motor_fmu
-        )
+        self.config = with_motor(config or CoSimConfig().sized(scenario.diameter_m), motor_fmu)
         require_size(scenario, self.config)
         self._batch = Batch(motor_fmu, self.config, scenario.robots, 1, driver, lanes)
 

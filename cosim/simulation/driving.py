@@ -139,6 +139,13 @@ class DrivenEpisode(RunningEpisode):
                 f"the policy returned {shown(action)}; expected {n} x 2 finite numbers, the set "
                 "points of motors D and E of each robot in rad/s"
             )
+        fastest, limit = float(np.abs(set_points).max()), self.config.lift_off_rad_s
+        if fastest >= limit:
+            raise UserError(
+                f"the policy commands a motor speed of {fastest:g} rad/s, which would make the "
+                f"robot hop; stay below lift-off at {limit:.0f} rad/s (without any hop up to "
+                "motion.config.steering.max_speed_rad_s)"
+            )
         return set_points
 
     def _adopt(self, action: np.ndarray) -> np.ndarray:

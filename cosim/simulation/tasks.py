@@ -112,7 +112,8 @@ class Task:
         """
         digest = getattr(self.policy, "digest", None)
         known = digest() if callable(digest) else identity_of(self.policy) or uuid.uuid4().hex
-        return f"{self.scenario.name}-{digest_of(self.origin, known)}"
+        origin = msgspec.structs.replace(self.origin, config=self.config.unsourced)
+        return f"{self.scenario.name}-{digest_of(origin, known)}"
 
     @classmethod
     def again(cls, origin: EpisodeOrigin, fmu: Path, policy: SupportsAct | SupportsDrive) -> "Task":
