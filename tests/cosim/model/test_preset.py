@@ -122,8 +122,10 @@ def test_sources_are_those_of_the_values(written):
         "rl_step_s": "set by --through",
         "payload_g": "world",
     } | dict.fromkeys(
-        ["mu", "relative_amplitude", "dt_s", "communication_step_s", "drive_speed_m_s"]
-        + ["episode_limit_s", "through", "preset", *steering],
+        (
+            *("mu", "relative_amplitude", "dt_s", "communication_step_s", "drive_speed_m_s"),
+            *("episode_limit_s", "through", "preset", *steering),
+        ),
         "given",
     )
     assert config.sized(0.04).table()["diameter_m"]["source"] == "scenario"
