@@ -90,11 +90,7 @@ def parse(
 
 
 def workers(jobs: int) -> int:
-    """Threads or processes for `--jobs`.
-
-    Raises:
-        UserError: it is neither -1 nor positive.
-    """
+    """Threads or processes for `--jobs`."""
     if jobs == -1:
         from joblib import cpu_count
 
@@ -105,11 +101,7 @@ def workers(jobs: int) -> int:
 
 
 def require_at_least(least: int, **options: float | None) -> None:
-    """Refuse options below a number, and NaN; None is one that was not given.
-
-    Raises:
-        UserError: it names the first of them.
-    """
+    """Refuse options below a number, and NaN; None is one that was not given."""
     for name, value in options.items():
         if value is not None and not value >= least:
             must = f"be at least {least}" if least else "not be negative"

@@ -206,9 +206,6 @@ class CoSimConfig:
         Args:
             source: of all these values.
             values: of fields of the records or of the configuration, by name; None keeps one.
-
-        Raises:
-            ConfigError: see the class.
         """
         given = {name: value for name, value in values.items() if value is not None}
         changed = dict(given)
@@ -233,9 +230,6 @@ class CoSimConfig:
         """Return these parameters for robots of another diameter, see `resized`.
 
         To be called before a calibration: motor speeds depend on the robot's inertia.
-
-        Raises:
-            ConfigError: the robot is too small for its motors.
         """
         robot = resized(self.robot, diameter_m)
         if robot == self.robot:
@@ -249,9 +243,6 @@ class CoSimConfig:
 
         To be called before a calibration: robots are calibrated on the floor and with the load that
         they will have.
-
-        Raises:
-            ConfigError: see the class.
         """
         rest = msgspec.structs.replace(world, mu=None, motor_speed_noise=None, obstacles=())
         config = self.having("world", mu=world.mu, relative_amplitude=world.motor_speed_noise)
@@ -260,15 +251,7 @@ class CoSimConfig:
         return replace(config, world=rest, sources=tuple(sources.items()))
 
     def require_known(self, what: str, *names: str) -> None:
-        """Refuse motors of which a parameter is unknown.
-
-        Args:
-            what: needs the parameters, for the message.
-            names: of the parameters.
-
-        Raises:
-            ConfigError: the motor FMU does not expose one of them.
-        """
+        """Refuse motors of which a parameter is unknown."""
         lacking = [n for n, text in self.sources if text.startswith(UNKNOWN) and n in names]
         if lacking:
             raise ConfigError(
@@ -336,11 +319,7 @@ class CoSimConfig:
 
 
 def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:
-    """The ratio period/base as the whole number it must be.
-
-    Raises:
-        ConfigError: it is not one; the message names both.
-    """
+    """The ratio period/base as the whole number it must be."""
     ratio = round(min(period / base, MAX_RATIO))
     if ratio < 1 or ratio == MAX_RATIO or abs(period - ratio * base) > _ROUNDING * period:
         raise ConfigError(

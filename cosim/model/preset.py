@@ -66,14 +66,8 @@ class Preset(NamedTuple):
     def config(self, world: World = IDEAL) -> CoSimConfig:
         """Parameters of a co-simulation of the machine in a world, not yet calibrated.
 
-        Motor speeds of the steering are those of the paper's robot, as shares of lift-off.
-
-        Args:
-            world: what it says overrides what the machine brings along; by default the machine's
-                own table.
-
-        Raises:
-            ConfigError: they do not fit together.
+        Motor speeds of the steering are those of the paper's robot, as shares of lift-off. What the
+        world states overrides what the machine brings along.
         """
         sources = {n: text for table in ("robot", "motor") for n, text in self.said(table).items()}
         machine = CoSimConfig(
@@ -103,9 +97,6 @@ class Preset(NamedTuple):
 
         A machine that states nothing of its size, such as the paper's, has any diameter: feet and
         motors are scaled, see `CoSimConfig.sized`.
-
-        Raises:
-            PresetError: the machine states its size, and the scenario another diameter.
         """
         stated_m, own_m = scenario.robot_diameter_m, self.robot.diameter_m
         if stated_m is None and own_m != scenario.diameter_m:
@@ -129,30 +120,20 @@ class Preset(NamedTuple):
         return msgspec.structs.replace(world, **brought)
 
     def save(self, path: str | Path) -> None:
-        """Write a file that `find_preset` reads: what differs from Tables I and II, with sources.
-
-        Raises:
-            StorageError, OSError: it cannot be written.
-        """
+        """Write a file that `find_preset` reads: what the machine states, with sources."""
         with replacing(named(path, ".toml")) as temporary:
             temporary.write_text("\n".join(self._lines()) + "\n", encoding="utf-8")
 
     def _lines(self) -> Iterator[str]:
         yield f"source = {_text(self.source)}"
         for table, (record, _, names) in _TABLES.items():
-            mine = record(self)
-            values = {
-                name: getattr(mine, name)
-                for name in names
-                if parameter_name(table, name) in self.said(table)
-            }
-            if values:
+            mine, said = record(self), self.said(table)
+            own = {n: said[name] for n in names if (name := parameter_name(table, n)) in said}
+            if own:
                 yield from ("", f"[{table}]")
-                yield from (f"{name} = {float(value)!r}" for name, value in values.items())
-            said = {name: self.sources.get(parameter_name(table, name)) for name in values}
-            if any(said.values()):
+                yield from (f"{name} = {float(getattr(mine, name))!r}" for name in own)
                 yield from ("", f"[{table}.source]")
-                yield from (f"{name} = {_text(text)}" for name, text in said.items() if text)
+                yield from (f"{name} = {_text(text)}" for name, text in own.items())
 
 
 _TABLES = {

@@ -260,12 +260,7 @@ class Scenario:
 
 
 def touching_pair(cells: Sequence[Cell], squared_contact: int) -> tuple[int, int] | None:
-    """Indices of two of some cells, closer than contact, the least that there are; else None.
-
-    Args:
-        cells: centres of robots.
-        squared_contact: largest squared distance in cells² of robots that touch.
-    """
+    """Indices of two of some cells, closer than contact, the least that there are; else None."""
     side = math.isqrt(squared_contact) + 1
     before: dict[Cell, list[int]] = {}
     for i, (x, y) in enumerate(cells):

@@ -53,10 +53,6 @@ def lay_out(
         diameter_cells: of every robot.
         columns, rows: of the board; by default as many as the swarm needs.
         folder: of a file of targets.
-
-    Raises:
-        ScenarioError: the swarm needs a larger board or spacing, or there is no such formation, or
-            not a target for each robot; the message names the field.
     """
     count, spacing = swarm.robots, swarm.spacing
     least = math.floor(diameter_cells + 1e-9) + 1  # at which robots do not touch

@@ -95,18 +95,14 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
     Attributes:
         mu: Coulomb friction coefficient of the floor.
         mu_patches: cells with another one.
-        motor_spread: relative standard deviation of K_T, R, J and m r, of each motor.
+        motor_spread: of every motor's own parameters.
         motor_speed_noise: half width of the uniform noise on measured speeds over the set point.
-        restitution: of the feet (Newton's impact law).
-        floor_tilt_deg: slope of the floor; every episode draws where it falls.
-        payload_g: on every robot, at the height of its centre of mass.
+        floor_tilt_deg: every episode draws where the floor falls.
         payload_offset_mm: of the payload, forwards and to the left of the robot's axis.
         motor_phases_deg: angles at which the motors begin, r1.D, r1.E, r2.D and so on; 0, and by
             default all, with the eccentric mass straight down.
-        sensor: the camera.
         obstacles: cells [x, y] and rectangles that stand on the floor as well.
-        edge: whether the floor ends where the board does. By default the board is a part of a
-            larger floor, and feet beyond it stand.
+        edge: by default the board is a part of a larger floor, and feet beyond it stand.
     """
 
     mu: float | None = None
@@ -229,14 +225,7 @@ def generator(seed: np.random.SeedSequence, child: int) -> np.random.Generator:
 def draw_world(
     world: World, motor: MotorParams, robots: int, seed: np.random.SeedSequence
 ) -> Drawn:
-    """Draw the values of an episode.
-
-    Args:
-        world: as declared.
-        motor: nominal parameters.
-        robots: N.
-        seed: of the episode; it is not changed.
-    """
+    """Draw the values of an episode."""
     rng = generator(seed, _WORLD_CHILD)
     normal = rng.standard_normal((robots, 2, 4))
     factors = 1.0 + (world.motor_spread or 0.0) * np.clip(
@@ -256,16 +245,9 @@ def draw_world(
 def motor_phases(world: World, robots: int) -> np.ndarray:
     """Angles at which the motors of an episode begin.
 
-    Args:
-        world: as declared.
-        robots: N.
-
     Returns:
         (N, 2) rad of motors D and E, 0 where the mass hangs straight down; NaN where the world says
         nothing.
-
-    Raises:
-        WorldError: the world has phases of another number of motors.
     """
     phases_deg, motors = world.motor_phases_deg, 2 * robots
     if not phases_deg:

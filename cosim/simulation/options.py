@@ -65,15 +65,7 @@ class Physics:
                 )
 
     def config(self, world: World = IDEAL) -> CoSimConfig:
-        """Parameters of the co-simulation, of robots of the preset's size and not yet calibrated.
-
-        Args:
-            world: of the robots.
-
-        Raises:
-            ConfigError: they do not fit together, or one is said here and by the world.
-            PresetError: there is no such preset.
-        """
+        """Return parameters for robots of the preset's size in a world, not yet calibrated."""
         said = {"mu": "mu", "noise": "motor_speed_noise"}
         for option, field in said.items():
             if getattr(self, option) is not None and getattr(world, field) is not None:
@@ -108,11 +100,7 @@ class Physics:
         return find_preset(self.preset).board(scenario)
 
     def fmu(self, progress: Progress = silent) -> Path:
-        """The motor FMU: the one named, or the built-in one, which is compiled the first time.
-
-        Raises:
-            UserError: it cannot be compiled.
-        """
+        """The motor FMU: the one named, or the built-in one, which is compiled the first time."""
         # here, because commands parse their options before they load fmpy
         from fmus.build import cached_fmu  # noqa: PLC0415
 
@@ -129,16 +117,6 @@ class Physics:
 
         The built-in FMU is compiled the first time, a calibration measured (some seconds each).
         Episodes of a scenario are prepared by `resolve`.
-
-        Args:
-            diameter_m: of the robots; by default that of the preset.
-            progress: receives what is prepared.
-            world: of the robots.
-
-        Raises:
-            ConfigError: the parameters do not fit together.
-            CalibrationError: the drive speed needs hopping.
-            FmuError: the FMU cannot be used, or failed.
         """
         config = self.config(world)
         if diameter_m is not None:
@@ -243,16 +221,7 @@ class SimulationOptions(Physics, DecisionOptions):
 
 
 def options_of(call: str, given: Mapping[str, Any], *more: str) -> SimulationOptions:
-    """Return the options that a call in Python is given by name.
-
-    Args:
-        call: of messages.
-        given: values by name.
-        more: names that the call takes itself.
-
-    Raises:
-        ConfigError: one is unknown or does not fit.
-    """
+    """Return the options that a call in Python is given by name."""
     known = [*more, *(option.name for option in fields(SimulationOptions))]
     for name in given:
         if name not in known:
@@ -295,12 +264,6 @@ def resolve(
             of the scenario file, else the paper's.
         require: refuses scenarios, for example those that a policy was not trained on, before
             anything is measured.
-
-    Raises:
-        ScenarioError, WorldError, PresetError, ConfigError: something does not exist or does not
-            fit.
-        CalibrationError: the drive speed needs hopping.
-        FmuError: the FMU cannot be used, or failed.
     """
     scenario, world = find_in_world(scenario, options.world if world is None else world)
     scenario = options.board(scenario)
