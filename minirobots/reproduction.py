@@ -30,23 +30,10 @@ def reproduce(
     progress: Progress = silent,
     say: Callable[[str], None],
 ) -> Path:
-    """Run all unfinished stages, then draw the figures and write the report.
+    """Run all unfinished stages, then draw the figures and write the report; return its page.
 
-    Called again after an interrupt, the commands continue or start again.
-
-    Args:
-        out: folder of results, figures and report.
-        profile: how much is done.
-        seed: of everything random.
-        jobs: what runs at the same time.
-        progress: receives reports of what takes long.
-        say: receives a line for every stage.
-
-    Returns:
-        The report's page.
-
-    Raises:
-        UserError: see its message; what was finished stays.
+    Called again after an interrupt, the commands continue or start again. `say` receives a line for
+    every stage.
     """
     results = out / "results"
     timings = Timings(results, profile, seed)
@@ -69,19 +56,7 @@ def reproduce(
 
 
 def redraw(out: Path, progress: Progress, say: Callable[[str], None]) -> Path:
-    """Draw the figures and write the report from existing results, whichever commands made them.
-
-    Args:
-        out: folder with `results`; receives figures and report.
-        progress: receives every figure.
-        say: receives a line for every figure that lacks results.
-
-    Returns:
-        The report's page.
-
-    Raises:
-        UserError: there are no results, or one is damaged.
-    """
+    """Draw the figures and write the report from existing results, and return its page."""
     _draw(out, progress, say)
     return write_report(out / "results", out / "figures", out / "report")
 

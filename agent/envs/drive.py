@@ -201,7 +201,7 @@ class DriveBoards(DynamicsBoards):
         return array
 
     def _free(self, places: np.ndarray, margin_m: float = 0.0) -> bool:
-        scenario, diameter_m = self.scenario, self.scenario.robot_diameter_m
+        scenario, diameter_m = self.scenario, self.scenario.diameter_m
         inside = (places >= margin_m) & (places <= np.array(scenario.size_m) - margin_m)
         walls = scenario.walls * scenario.cell_m
         touched = touches_obstacle(

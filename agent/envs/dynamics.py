@@ -110,7 +110,7 @@ class DynamicsBoards(EnvBoards):
                     "the shield is measured on one floor; leave out shield, or give mu to the "
                     "environment instead of a reset"
                 )
-            self._config.with_overrides(mu)  # refuses some
+            self._config.having("given", mu=mu)  # refuses some
             if mu == 0.0:
                 raise ConfigError("mu = 0 is invalid: no robot could drive; give more")
 
@@ -144,7 +144,7 @@ class DynamicsBoards(EnvBoards):
             side = max(self.scenario.columns, self.scenario.rows)
             config = config.in_world(draw_world(self._worlds, side, side // 2, rng))
         if mu is not None:
-            config = config.with_overrides(mu)
+            config = config.having("given", mu=mu)
         starts = tuple((int(x), int(y)) for x, y in cells)
         self.arrays.outcomes[m], self._arrived[m], self._steps[m] = RUNNING, False, 0
         return self._batch.begin(m, scenario, starts, seed, config)

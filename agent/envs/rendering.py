@@ -91,7 +91,7 @@ def board_pixels(scenario: Scenario, positions_m: np.ndarray) -> np.ndarray:
     centres = (np.indices(picture.shape[:2]) + 0.5) * scenario.cell_m / scale
     for robot, position in enumerate(positions_m):
         squared = ((centres - position[:, None, None]) ** 2).sum(axis=0)
-        disc = squared <= (scenario.robot_diameter_m / 2.0) ** 2
+        disc = squared <= (scenario.diameter_m / 2.0) ** 2
         colour = ROBOT_COLOURS[robot % len(ROBOT_COLOURS)]
         picture[disc] = picture[disc] // 2 + colour // 2
     return np.ascontiguousarray(picture.transpose(1, 0, 2)[::-1])

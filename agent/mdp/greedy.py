@@ -180,6 +180,12 @@ class GreedyPolicy(ABC):
             PolicyError: the policy was trained on another scenario.
         """
         trained = self.config.scenario
+        if scenario.diameter_m != trained.diameter_m:
+            raise PolicyError(
+                f"{name} was trained for robots of {100 * trained.diameter_m:g} cm, not of "
+                f"{100 * scenario.diameter_m:g} cm; train one on a scenario file with "
+                f"robot_diameter_m = {scenario.diameter_m:g}"
+            )
         if scenario.digest() != trained.digest():
             raise PolicyError(
                 f"{name} was trained on scenario {trained.name} (digest {trained.digest()}), not "

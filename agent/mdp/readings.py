@@ -127,7 +127,7 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
         corners=_blocked(scenario, 0),
         walls=scenario.walls.astype(float),
         cell_m=scenario.cell_m,
-        squared_radius=(scenario.robot_diameter_m / scenario.cell_m / 2.0) ** 2,
+        squared_radius=(scenario.diameter_m / scenario.cell_m / 2.0) ** 2,
         start_cells=np.array([c for cells in scenario.starts for c in cells], dtype=np.int64),
         start_offsets=tuple(int(v) for v in np.cumsum([0, *(len(c) for c in scenario.starts)])),
         thresholds=thresholds,

@@ -119,7 +119,7 @@ class _Walker:
 
 def source_digest(config: CoSimConfig, fmu: Path, worlds: WorldRange | None = None) -> str:
     """Hash (16 hex digits) of the parameters, motor FMU and worlds that moves depend on."""
-    return digest_of(config, identity_of_fmu(fmu), worlds, VERSION)
+    return digest_of(config.unsourced, identity_of_fmu(fmu), worlds, VERSION)
 
 
 def observe_moves(

@@ -59,7 +59,7 @@ def case_of(
         UserError: see `policy_of` and `resolve`.
     """
     given = options.world if world is None else world
-    only = None if scenario is None else find_in_world(scenario, given)[0]
+    only = None if scenario is None else options.board(find_in_world(scenario, given)[0])
     name = f"{name or name_of(policy)}: the policy"
     policy = policy_of(policy, only, seed=seed, progress=progress)
     _, config, fmu = resolve(

@@ -36,10 +36,11 @@ from cosim.base.reading import Kind, read_toml
 from cosim.base.storage import replacing, write_json, write_whole
 from cosim.base.table import Column, Columns, arrow_of, field, markdown, write_parquet
 from cosim.base.table import show as show_table
+from cosim.model.preset import PAPER
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
 from cosim.model.world import World
-from cosim.simulation.options import options_of
+from cosim.simulation.options import Physics, options_of
 from cosim.simulation.result import EpisodeResult
 
 _LOGGER = logging.getLogger(__name__)
@@ -294,7 +295,7 @@ def study(
         physics = fixed | chosen
         declared = physics.pop("world")
         setup = options_of("study", physics)
-        only = None if board is None else find_in_world(board, declared)[0]
+        only = None if board is None else setup.board(find_in_world(board, declared)[0])
         acting = found.get((name, only)) or policy_of(policy, only, seed=seed, progress=report)
         found[name, only] = acting
         case = case_of(acting, setup, seed, board, world=declared, name=name, progress=report)
@@ -425,6 +426,8 @@ def evaluate(
     if varying or isinstance(policy, list | Mapping) or isinstance(scenario, list | tuple):
         raise ConfigError("evaluate takes one value of each option; study takes several")
     only = None if scenario is None else find_in_world(scenario, options.get("world"))[0]
+    if only is not None:
+        only = Physics(preset=options.get("preset", PAPER)).board(only)
     found = policy_of(policy, only, seed=options.get("seed", 0), progress=progress or silent)
     available = len(joint_starts(found.process))
     if starts is None:

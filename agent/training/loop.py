@@ -126,8 +126,8 @@ def move_model(config: PolicyConfig) -> MoveModel | None:
     scenario = config.scenario
     # parked robots do not touch: where their targets are near, the clearance is half of the gap
     gap_m = pdist(scenario.targets).min(initial=np.inf) * scenario.cell_m
-    clearance_m = min(config.process.clearance_m, 0.5 * (gap_m - scenario.robot_diameter_m))
-    contact_m = scenario.robot_diameter_m + clearance_m
+    clearance_m = min(config.process.clearance_m, 0.5 * (gap_m - scenario.diameter_m))
+    contact_m = scenario.diameter_m + clearance_m
     return build_model(config.moves, contact_m / scenario.cell_m)
 
 

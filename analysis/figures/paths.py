@@ -140,7 +140,7 @@ def _draw_pairs(tracks: Tracks) -> Figure:
             apart_cm = 100.0 * np.linalg.norm(first - second, axis=1)
             distance.plot(track.times_s, apart_cm, STYLES[method], color=BLACK, linewidth=0.8)
     for name, axes in zip(PAIRS, grid[-1], strict=True):
-        contact_cm = 100.0 * PAPER[name].robot_diameter_m
+        contact_cm = 100.0 * PAPER[name].diameter_m
         axes.axhline(contact_cm, color=VERMILION, linewidth=0.8)
         axes.set(xlabel="time in s", ylim=(0.0, None))
     for axes in grid[:-1, 0]:
@@ -152,7 +152,7 @@ def _draw_pairs(tracks: Tracks) -> Figure:
 def _draw_tracks(axes: Axes, scenario: Scenario, tracks: list[Track]) -> None:
     """Draw centres of robots as lines, marks of time as dots, rims at start and end as circles."""
     draw_board(axes, scenario)
-    radius_cm = 50.0 * scenario.robot_diameter_m
+    radius_cm = 50.0 * scenario.diameter_m
     for track in tracks:
         marks = np.searchsorted(track.times_s, np.arange(MARK_S, track.time_s, MARK_S))
         for robot, position in enumerate(track.positions_m):

@@ -68,11 +68,7 @@ def take_fields(
 
 
 def require_one_of(name: str, value: str, known: Collection[str]) -> None:
-    """Refuse a value that is not among the known ones.
-
-    Raises:
-        ConfigError: it is not; the message names them.
-    """
+    """Refuse a value that is not among the known ones."""
     if value not in known:
         raise ConfigError(unknown(name, value, known))
 

@@ -6,6 +6,8 @@ Modules with commands import only what their options need; `main` imports the re
 
 import contextlib
 import io
+import json
+import re
 import sys
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, cast
@@ -88,11 +90,7 @@ def parse(
 
 
 def workers(jobs: int) -> int:
-    """Threads or processes for `--jobs`.
-
-    Raises:
-        UserError: it is neither -1 nor positive.
-    """
+    """Threads or processes for `--jobs`."""
     if jobs == -1:
         from joblib import cpu_count
 
@@ -103,11 +101,7 @@ def workers(jobs: int) -> int:
 
 
 def require_at_least(least: int, **options: float | None) -> None:
-    """Refuse options below a number, and NaN; None is one that was not given.
-
-    Raises:
-        UserError: it names the first of them.
-    """
+    """Refuse options below a number, and NaN; None is one that was not given."""
     for name, value in options.items():
         if value is not None and not value >= least:
             must = f"be at least {least}" if least else "not be negative"
@@ -117,5 +111,6 @@ def require_at_least(least: int, **options: float | None) -> None:
 
 
 def print_json(content: Any) -> None:
-    """Print what `--json` promises: one object on one line."""
-    print(msgspec.json.encode(content).decode())
+    """Print what `--json` promises: one object on one line, in ASCII for any terminal."""
+    text = msgspec.json.encode(content).decode()
+    print(re.sub("[^\0-\x7f]+", lambda found: json.dumps(found[0])[1:-1], text))

@@ -142,7 +142,7 @@ def read_toml(path: Path, kind: Kind) -> dict[str, Any]:
                     "correct that line"
                 )
     try:
-        return tomllib.loads(content.decode())
+        return tomllib.loads(content.decode("utf-8-sig"))  # Windows editors begin files with a mark
     except (ValueError, RecursionError) as error:
         raise kind.error(f"{path}: not a TOML file ({error}); fix that line") from error
 

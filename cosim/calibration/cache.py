@@ -81,8 +81,10 @@ def calibrated_slower(
     calibration = find_calibration(config, motor_fmu, progress)
     speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
     calibration.require_motion(config.robot.mu)
-    steering = config.steering._replace(drive_speed_m_s=min(speeds))
-    return calibration.resolved(replace(config, steering=steering))
+    if min(speeds) < config.steering.drive_speed_m_s:
+        source = "computed: the largest speed without hopping"
+        config = config.having(source, drive_speed_m_s=min(speeds))
+    return calibration.resolved(config)
 
 
 def calibrated(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:

@@ -85,19 +85,23 @@ def with_stopping_distance(
     stopping_m = math.ceil(1e6 * RESERVE * bound_m) / 1e6
     if creep_m_s * config.timing.episode_limit_s > stopping_m - bound_m:
         raise CalibrationError(SLIDES.format(f"on, by {3.6e6 * creep_m_s:.2g} mm in an hour"))
-    shield = shield._replace(stopping_m=stopping_m)
+    config = replace(config, shield=shield).having("measured", stopping_m=stopping_m)
     if not world.camera.rate_hz:
-        return replace(config, shield=shield)
+        return config
     seen = _reduced(config, *_FLOOR, "mu_patches", "sensor")
     with under_way(progress, "measuring errors of estimates"):
         drift, deviations, deviation_m = _kept(best_filter, seen, motor_fmu)
-    shield = shield._replace(deviations=math.ceil(100.0 * deviations) / 100.0)
-    gap_m = stopping_gap(math.sqrt(2.0) * deviation_m, shield)
+    config = config.having(
+        "measured",
+        deviations=math.ceil(100.0 * deviations) / 100.0,
+        position_drift_m2_s=drift,
+    )
+    assert config.shield is not None
+    gap_m = stopping_gap(math.sqrt(2.0) * deviation_m, config.shield)
     if gap_m > MOST_GAP * config.robot.diameter_m:
         raise CalibrationError(
             f"positions are too uncertain in this world: the shield stops robots {1e3 * gap_m:.0f} "
             f"mm apart, more than {MOST_GAP:g} of their diameter; leave out --shield, or change "
             "world.sensor, world.floor_tilt_deg or world.mu_patches"
         )
-    estimator = config.estimator._replace(position_drift_m2_s=drift)
-    return replace(config, shield=shield, estimator=estimator)
+    return config

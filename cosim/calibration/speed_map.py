@@ -3,7 +3,7 @@
 A record that can be kept in a file and asked; `cosim.calibration.cache` makes it.
 """
 
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -160,17 +160,25 @@ class Calibration:
                 f"hop; the largest possible is {np.floor(1e5 * largest) / 100.0:.2f} mm/s"
             )
         forward, backward = (self.motor_speed(d, steering.drive_speed_m_s) for d in DRIVES)
-        rate = min(steering.turn_rate_rad_s, *(self.largest(side) for side in ("left", "right")))
-        turn = max(self.motor_speed(side, rate) for side in ("left", "right"))
-        return replace(
-            config,
-            steering=steering._replace(
-                forward_speed_rad_s=round(forward, 1),
-                backward_speed_rad_s=round(backward, 1),
-                turn_rate_rad_s=rate,
-                turn_speed_rad_s=round(turn, 1),
-                max_speed_rad_s=round(self.hop_free_rad_s, 1),
-            ),
+        sides = ("left", "right")
+        largest_rate = min(self.largest(side) for side in sides)
+        if largest_rate < max(self.curve(side).mean[0] for side in sides):
+            raise CalibrationError(
+                f"robots of diameter_m = {config.robot.diameter_m:g} hop at every motor speed that "
+                "turns them; make them larger, or change the preset, friction or motor parameters"
+            )
+        rate = min(steering.turn_rate_rad_s, largest_rate)
+        turn = max(self.motor_speed(side, rate) for side in sides)
+        if rate < steering.turn_rate_rad_s:
+            config = config.having(
+                "computed: the largest turn rate without hopping", turn_rate_rad_s=rate
+            )
+        return config.having(
+            "calibrated",
+            forward_speed_rad_s=round(forward, 1),
+            backward_speed_rad_s=round(backward, 1),
+            turn_speed_rad_s=round(turn, 1),
+            max_speed_rad_s=round(self.hop_free_rad_s, 1),
         )
 
     def save(self, path: Path) -> None:

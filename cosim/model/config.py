@@ -1,7 +1,8 @@
 """The parameters of one co-simulation together, checked against each other."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
 import msgspec
@@ -18,6 +19,7 @@ from cosim.model.params import (
     EstimatorParams,
     MotorParams,
     NoiseParams,
+    Quantity,
     RobotParams,
     ShieldParams,
     SteeringParams,
@@ -34,10 +36,23 @@ Loop = Literal["motors", "heading"]
 MAX_RATIO = 10**9  # of two periods
 MAX_VALUE = 1e9  # of a parameter in its unit
 
-UNKNOWN, GIVEN = "unknown", "given by motor_parameters"  # sources
+# Sources of values.
+UNKNOWN, GIVEN, OF_MOTOR = "unknown", "given", "given by motor_parameters"
 _ROUNDING = 1e-9  # relative, of a period that shall be a multiple of another one
 _RECORDS = ("robot", "motor", "noise", "timing", "steering", "estimator", "shield")
 _SIGNED = ("com_x_m", "com_y_m")
+_OPTIONS = {  # without `Quantity`, by their names in `CoSimConfig.table`
+    "reaction": "whether motors feel the body's acceleration",
+    "portable": "whether no angle is computed by the C library",
+    "on_collision": "what a contact with a robot or an obstacle does",
+    "through": "whether robots drive on at the end of a move until asked",
+    "mu_patches": "cells with another mu",
+    "payload_offset_mm": "forwards and to the left",
+    "motor_phases_deg": "initial phases of the motors",
+    "open_loop": "what goes without feedback",
+    "preset": "machine that the parameters are of",
+    "shield": "whether a monitor keeps robots apart, for any policy",
+}
 
 
 @dataclass(frozen=True)
@@ -67,8 +82,8 @@ class CoSimConfig:
         open_loop: what goes without feedback: motors get the voltage that gives their set point in
             the mean instead of the loop of Eq. (14), and robots keep no course while they drive.
         preset: name of the machine, see `cosim.model`.
-        sources: of parameters that the machine has for itself, as (name, text); UNKNOWN for
-            one that the motor FMU does not expose.
+        sources: of parameters that were set, as (name, text), see `having`; UNKNOWN for one that
+            the motor FMU does not expose. They do not matter for equality.
         motor_parameters: values that every motor FMU is given, by name, in addition to what differs
             between `motor` and Table II.
         motor_fmu: digest of the FMU that `motor` was read from (`cosim.coupling.parameters`); then
@@ -93,7 +108,7 @@ class CoSimConfig:
     shield: ShieldParams | None = None
     open_loop: tuple[Loop, ...] = ()
     preset: str = "paper"
-    sources: tuple[tuple[str, str], ...] = ()
+    sources: tuple[tuple[str, str], ...] = field(default=(), compare=False)
     motor_parameters: tuple[tuple[str, float], ...] = ()
     motor_fmu: str = ""
 
@@ -151,11 +166,6 @@ class CoSimConfig:
                     f"stay below lift-off at {limit:.0f} rad/s"
                 )
 
-    @property
-    def _records(self) -> tuple[Any, ...]:
-        present = vars(self) | {"shield": self.shield or SHIELD}
-        return tuple(present[part] for part in _RECORDS)
-
     def _check_geometry(self) -> None:
         robot = self.robot
         inside_m = robot.foot_radius_m / 2.0  # of the triangle of feet
@@ -163,6 +173,19 @@ class CoSimConfig:
             raise ConfigError(
                 f"com_x_m = {robot.com_x_m:g} and com_y_m = {robot.com_y_m:g} make the robot fall "
                 f"over; stay less than {inside_m:g} from its axis"
+            )
+        payload_kg, offset_mm = 1e-3 * self.world.payload_g, self.world.payload_offset_mm
+        mass_kg = robot.mass_kg + payload_kg
+        ahead_m, left_m = (
+            (robot.mass_kg * own_m + 1e-3 * payload_kg * mm) / mass_kg
+            for own_m, mm in zip((robot.com_x_m, robot.com_y_m), offset_mm, strict=True)
+        )
+        if not math.hypot(ahead_m, left_m) < inside_m:
+            raise ConfigError(
+                f"world.payload_g = {self.world.payload_g:g} at payload_offset_mm = "
+                f"{list(offset_mm)} moves the centre of mass "
+                f"{1e3 * math.hypot(ahead_m, left_m):.1f} mm from the robot's axis, which falls "
+                f"over from {1e3 * inside_m:.1f} mm on; give a lighter payload or a smaller offset"
             )
         for name in ("foot_radius_m", "motor_radius_m"):
             if getattr(robot, name) >= robot.diameter_m / 2.0:
@@ -177,53 +200,58 @@ class CoSimConfig:
                 f"{robot.diameter_m:g}; make the robot larger"
             )
 
+    def having(self, source: str, **values: Any) -> "CoSimConfig":
+        """Return a copy in which parameters have other values, recorded with their source.
+
+        Args:
+            source: of all these values.
+            values: of fields of the records or of the configuration, by name; None keeps one.
+        """
+        given = {name: value for name, value in values.items() if value is not None}
+        changed = dict(given)
+        for part in _RECORDS:
+            record = getattr(self, part)
+            own = {n: changed.pop(n) for n in getattr(record, "_fields", ()) if n in changed}
+            if own:
+                changed[part] = record._replace(**own)
+        sources = dict(self.sources) | dict.fromkeys(given, source)
+        return replace(self, **changed, sources=tuple(sources.items()))
+
+    def sourced(self, sources: Mapping[str, str]) -> "CoSimConfig":
+        """Return a copy with further sources of parameters, or other ones, by name."""
+        return replace(self, sources=tuple({**dict(self.sources), **sources}.items()))
+
+    @property
+    def unsourced(self) -> "CoSimConfig":
+        """This configuration without sources, for digests: they decide no result."""
+        return replace(self, sources=())
+
     def sized(self, diameter_m: float) -> "CoSimConfig":
-        """These parameters for the robots of a scenario, see `cosim.model.params.resized`.
+        """Return these parameters for robots of another diameter, see `resized`.
 
         To be called before a calibration: motor speeds depend on the robot's inertia.
-
-        Raises:
-            ConfigError: the robot is too small for its motors.
         """
-        return replace(self, robot=resized(self.robot, diameter_m))
+        robot = resized(self.robot, diameter_m)
+        if robot == self.robot:
+            return self
+        feet = {n: getattr(robot, n) for n in ("foot_radius_m", "motor_radius_m")}
+        own = self.having("in proportion to the diameter", **feet, diameter_m=diameter_m)
+        return own.sourced({"diameter_m": "scenario"})
 
     def in_world(self, world: World) -> "CoSimConfig":
-        """These parameters in a world as declared.
+        """Return these parameters in a world as declared.
 
         To be called before a calibration: robots are calibrated on the floor and with the load that
         they will have.
-
-        Raises:
-            ConfigError: see the class.
         """
         rest = msgspec.structs.replace(world, mu=None, motor_speed_noise=None, obstacles=())
-        return replace(self.with_overrides(world.mu, world.motor_speed_noise), world=rest)
-
-    def with_overrides(self, mu: float | None = None, noise: float | None = None) -> "CoSimConfig":
-        """These parameters with another friction coefficient or relative speed noise, if given.
-
-        Raises:
-            ConfigError: see the class.
-        """
-        robot, relative, sources = self.robot, self.noise, dict(self.sources)
-        if mu is not None:
-            robot = robot._replace(mu=mu)
-            sources.pop("mu", None)
-        if noise is not None:
-            relative = relative._replace(relative_amplitude=noise)
-            sources.pop("relative_amplitude", None)
-        return replace(self, robot=robot, noise=relative, sources=tuple(sources.items()))
+        config = self.having("world", mu=world.mu, relative_amplitude=world.motor_speed_noise)
+        kept = {n: text for n, text in config.sources if n not in self.world.stated}
+        sources = kept | dict.fromkeys(world.stated, "world")
+        return replace(config, world=rest, sources=tuple(sources.items()))
 
     def require_known(self, what: str, *names: str) -> None:
-        """Refuse motors of which a parameter is unknown.
-
-        Args:
-            what: needs the parameters, for the message.
-            names: of the parameters.
-
-        Raises:
-            ConfigError: the motor FMU does not expose one of them.
-        """
+        """Refuse motors of which a parameter is unknown."""
         lacking = [n for n, text in self.sources if text.startswith(UNKNOWN) and n in names]
         if lacking:
             raise ConfigError(
@@ -262,63 +290,36 @@ class CoSimConfig:
         return round(self.noise.hold_s / self.timing.control_period_s)
 
     def table(self) -> dict[str, dict[str, Any]]:
-        """Value, unit, source and description of every parameter, by its name."""
-        options = {
-            "reaction": (self.reaction, "whether motors feel the body's acceleration"),
-            "portable": (self.portable, "whether no angle is computed by the C library"),
-            "on_collision": (self.on_collision, "what a contact with a robot or an obstacle does"),
-            "through": (self.through, "whether robots drive on at the end of a move until asked"),
-            "mu_patches": (
-                msgspec.json.decode(msgspec.json.encode(self.world.mu_patches)),
-                "cells with another mu",
-            ),
-            "payload_offset_mm": (list(self.world.payload_offset_mm), "forwards and to the left"),
-            "motor_phases_deg": (list(self.world.motor_phases_deg), "initial phases of the motors"),
-            "open_loop": (" ".join(self.open_loop), "what goes without feedback"),
-            "preset": (self.preset, "machine that the parameters are of"),
-            "shield": (
-                self.shield is not None,
-                "whether a monitor keeps robots apart, for any policy",
-            ),
+        """Return value, unit, source and description of every parameter, by its name.
+
+        A value without a recorded source that differs from the default is "given".
+        """
+        usual, sources, rows = CoSimConfig().described(), dict(self.sources), {}
+        for name, (value, quantity) in self.described().items():
+            changed = name in usual and value != usual[name][0]
+            source = sources.get(name, GIVEN if changed else quantity.source)
+            shown = UNKNOWN if source == UNKNOWN else value
+            rows[name] = {"value": shown} | quantity._replace(source=source)._asdict()
+        return rows
+
+    def described(self) -> dict[str, tuple[Any, Quantity]]:
+        """Return value and `Quantity` of every parameter, by its name."""
+        records = [getattr(self, part) or SHIELD for part in _RECORDS]
+        rows = {
+            n: row for part in (*records, self.world.filled()) for n, row in describe(part).items()
         }
-        parts = (*self._records, self.world.filled())
-        sources = {name: {"source": text} for name, text in self.sources}
-        camera = {f"sensor_{name}": row for name, row in describe(self.world.camera).items()}
-        described = {k: row for part in parts for k, row in describe(part).items()} | camera
-        rows: dict[str, dict[str, Any]] = {
-            name: {"value": value} | quantity._asdict() | sources.get(name, {})
-            for name, (value, quantity) in described.items()
-        }
-        for record in self._records:
-            for name, value in record._asdict().items():
-                row = rows.get(name, {})
-                if row.get("source") == UNKNOWN:
-                    row["value"] = UNKNOWN
-                elif row.get("source", "").startswith("Table"):  # of the paper's robot alone
-                    row["source"] = (
-                        "given" if value != record._field_defaults[name] else row["source"]
-                    )
-        given = {
-            name: {"value": value, "unit": "", "source": GIVEN, "description": "of the motor FMU"}
-            for name, value in self.motor_parameters
-            if name not in rows
-        }
-        return (
-            rows
-            | given
-            | {
-                name: {"value": value, "unit": "", "source": "option", "description": text}
-                for name, (value, text) in options.items()
-            }
-        )
+        rows |= {f"sensor_{name}": row for name, row in describe(self.world.camera).items()}
+        for name, value in self.motor_parameters:
+            rows.setdefault(name, (value, Quantity("", OF_MOTOR, "of the motor FMU")))
+        own = msgspec.json.decode(msgspec.json.encode(self.world)) | vars(self)
+        own |= {"open_loop": " ".join(self.open_loop), "shield": self.shield is not None}
+        for name, text in _OPTIONS.items():
+            rows[name] = own[name], Quantity("", "default", text)
+        return rows
 
 
 def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:
-    """The ratio period/base as the whole number it must be.
-
-    Raises:
-        ConfigError: it is not one; the message names both.
-    """
+    """The ratio period/base as the whole number it must be."""
     ratio = round(min(period / base, MAX_RATIO))
     if ratio < 1 or ratio == MAX_RATIO or abs(period - ratio * base) > _ROUNDING * period:
         raise ConfigError(

@@ -76,7 +76,7 @@ class RobotParams(NamedTuple):
     ] = 0.15
     mu_robots: Annotated[
         float,
-        Quantity("1", "assumed: as for the feet", "Coulomb friction between robots that touch"),
+        Quantity("1", "assumed, on any floor", "Coulomb friction between robots that touch"),
     ] = 0.15
 
 

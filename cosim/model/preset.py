@@ -17,7 +17,7 @@ import msgspec
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
 from cosim.base.storage import named, replacing
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.config import UNKNOWN, ConfigError, CoSimConfig
 from cosim.model.params import (
     STEERING,
     TABLE_I,
@@ -27,13 +27,13 @@ from cosim.model.params import (
     SteeringParams,
     lift_off_speed,
 )
-from cosim.model.world import IDEAL, Sensor, World, WorldError
+from cosim.model.scenario import Scenario
+from cosim.model.world import IDEAL, Sensor, World, WorldError, parameter_name
 
 PAPER = "paper"
 # Fields of a world that a machine brings along; the others are of the table that it stands on.
 WORLD_FIELDS = ("restitution", "motor_spread", "motor_speed_noise")
-# Parameters of a configuration that have another name in a world.
-_NAMES = {"motor_speed_noise": "relative_amplitude"}
+_SIZE = ("diameter_m", "foot_radius_m", "motor_radius_m")
 _FOLDER = Path(__file__).parent
 
 
@@ -66,27 +66,49 @@ class Preset(NamedTuple):
     def config(self, world: World = IDEAL) -> CoSimConfig:
         """Parameters of a co-simulation of the machine in a world, not yet calibrated.
 
-        Motor speeds of the steering are those of the paper's robot, as shares of lift-off.
-
-        Args:
-            world: what it says overrides what the machine brings along; by default the machine's
-                own table.
-
-        Raises:
-            ConfigError: they do not fit together.
+        Motor speeds of the steering are those of the paper's robot, as shares of lift-off. What the
+        world states overrides what the machine brings along.
         """
-        said = [_parameter("world", n) for n in WORLD_FIELDS if getattr(world, n) is not None]
-        if world.sensor is not None:
-            said += [_parameter("world.sensor", name) for name in Sensor.__struct_fields__]
+        sources = {n: text for table in ("robot", "motor") for n, text in self.said(table).items()}
         machine = CoSimConfig(
             robot=self.robot,
             motor=self.motor,
             steering=_steering(0.0),
             preset=self.name,
-            sources=tuple((n, text) for n, text in self.sources.items() if n not in said),
+            sources=tuple(sources.items()),
         )
         share = machine.lift_off_rad_s / lift_off_speed(TABLE_I, TABLE_II)
-        return replace(machine, steering=_steering(share)).in_world(self.in_world(world))
+        config = replace(machine, steering=_steering(share)).in_world(self.in_world(world))
+        brought = self.said("world") | self.said("world.sensor")
+        return config.sourced({n: t for n, t in brought.items() if n not in world.stated})
+
+    def said(self, table: str) -> dict[str, str]:
+        """Return the source of every value of a table that the machine states, by parameter."""
+        record, usual, names = _TABLES[table]
+        own = {
+            parameter_name(table, n): getattr(record(self), n) != getattr(usual, n) for n in names
+        }
+        known = {n: text for n, text in self.sources.items() if not text.startswith(UNKNOWN)}
+        text = f"preset {self.name}"
+        return {n: self.sources.get(n, text) for n, new in own.items() if new or n in known}
+
+    def board(self, scenario: Scenario) -> Scenario:
+        """Return a scenario with robots of the diameter that it states, by default the machine's.
+
+        A machine that states nothing of its size, such as the paper's, has any diameter: feet and
+        motors are scaled, see `CoSimConfig.sized`.
+        """
+        stated_m, own_m = scenario.robot_diameter_m, self.robot.diameter_m
+        if stated_m is None and own_m != scenario.diameter_m:
+            return replace(scenario, robot_diameter_m=own_m)
+        size = [n for n in self.said("robot") if n in _SIZE]
+        if scenario.diameter_m != own_m and size:
+            raise PresetError(
+                f"preset {self.name} states {' and '.join(size)} of a machine of diameter_m = "
+                f"{own_m:g}, but scenario {scenario.name} has robot_diameter_m = {stated_m:g}; "
+                "leave it out of the scenario, or choose another machine"
+            )
+        return scenario
 
     def in_world(self, world: World) -> World:
         """A world with the machine's values; explicit values of the world override them."""
@@ -98,30 +120,20 @@ class Preset(NamedTuple):
         return msgspec.structs.replace(world, **brought)
 
     def save(self, path: str | Path) -> None:
-        """Write a file that `find_preset` reads: what differs from Tables I and II, with sources.
-
-        Raises:
-            StorageError, OSError: it cannot be written.
-        """
+        """Write a file that `find_preset` reads: what the machine states, with sources."""
         with replacing(named(path, ".toml")) as temporary:
             temporary.write_text("\n".join(self._lines()) + "\n", encoding="utf-8")
 
     def _lines(self) -> Iterator[str]:
         yield f"source = {_text(self.source)}"
-        for table, (record, usual, names) in _TABLES.items():
-            mine = record(self)
-            values = {
-                name: getattr(mine, name)
-                for name in names
-                if getattr(mine, name) != getattr(usual, name)
-            }
-            if values:
+        for table, (record, _, names) in _TABLES.items():
+            mine, said = record(self), self.said(table)
+            own = {n: said[name] for n in names if (name := parameter_name(table, n)) in said}
+            if own:
                 yield from ("", f"[{table}]")
-                yield from (f"{name} = {float(value)!r}" for name, value in values.items())
-            said = {name: self.sources.get(_parameter(table, name)) for name in values}
-            if any(said.values()):
+                yield from (f"{name} = {float(getattr(mine, name))!r}" for name in own)
                 yield from ("", f"[{table}.source]")
-                yield from (f"{name} = {_text(text)}" for name, text in said.items() if text)
+                yield from (f"{name} = {_text(text)}" for name, text in own.items())
 
 
 _TABLES = {
@@ -194,8 +206,9 @@ def _preset(name: str, file: dict[str, Any]) -> Preset:
         if not isinstance(texts, dict) or not all(isinstance(t, str) for t in texts.values()):
             raise _FieldError(f"{table}.source: give a text, or a table with a text for each value")
         _refuse_unknown(f"{table}.source.", texts, tuple(content))
-        values[table] = {name: _number(f"{table}.{name}", v) for name, v in content.items()}
-        sources |= {_parameter(table, name): text for name, text in texts.items()}
+        values[table] = {field: _number(f"{table}.{field}", v) for field, v in content.items()}
+        texts = dict.fromkeys(content, f"preset {name}") | texts
+        sources |= {parameter_name(table, field): text for field, text in texts.items()}
     brought: dict[str, Any] = values["world"]
     return Preset(
         name,
@@ -230,11 +243,6 @@ def _number(field: str, value: Any) -> float:
         return float(value)
     except OverflowError:
         raise _FieldError(f"{field} is larger than any float; give a smaller number") from None
-
-
-def _parameter(table: str, name: str) -> str:
-    """Name of a parameter in `CoSimConfig.table`."""
-    return f"sensor_{name}" if table == "world.sensor" else _NAMES.get(name, name)
 
 
 def _text(text: str) -> str:

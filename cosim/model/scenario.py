@@ -76,7 +76,8 @@ class Scenario:
         zone_is_obstacle: whether no robot's centre may enter the zone, except its own target
             (assumed: no, the zone only places targets).
         obstacles: cells that no robot may touch (none in the paper).
-        robot_diameter_m: diameter of every robot (Table I), on the grid and in the dynamics.
+        robot_diameter_m: diameter of every robot, on the grid and in the dynamics; None for the
+            machine's, which is that of Table I on the grid alone.
 
     Raises:
         ScenarioError: a size is not positive, a cell is off the board, a robot would touch an
@@ -92,7 +93,7 @@ class Scenario:
     cell_m: float = 0.01
     zone: Rectangle = (12, 12, 18, 18)
     obstacles: tuple[Cell, ...] = ()
-    robot_diameter_m: float = TABLE_I.diameter_m
+    robot_diameter_m: float | None = None
     zone_is_obstacle: bool = False
 
     def __post_init__(self) -> None:
@@ -123,19 +124,20 @@ class Scenario:
             raise ScenarioError(
                 f"scenario {self.name}: targets {b} and {a} of robots {j + 1} and {i + 1} "
                 f"are {100 * math.dist(a, b) * self.cell_m:.1f} cm apart; robots of "
-                f"{100 * self.robot_diameter_m:.1f} cm do not both fit there; move them "
+                f"{100 * self.diameter_m:.1f} cm do not both fit there; move them "
                 "further apart"
             )
 
     def _check_sizes(self) -> None:
         left, bottom, right, top = self.zone
+        sized = {"robot_diameter_m": self.diameter_m}
         checks = {
             "name": (re.fullmatch(r"[\w.-]+", self.name), "letters, digits, '.', '-' and '_'"),
             "columns": (1 <= self.columns <= MAX_SIDE_CELLS, f"1 to {MAX_SIDE_CELLS} cells"),
             "rows": (1 <= self.rows <= MAX_SIDE_CELLS, f"1 to {MAX_SIDE_CELLS} cells"),
             "cell_m": (0 < self.cell_m <= MAX_CELL_M, f"a length in m up to {MAX_CELL_M:g}"),
             "robot_diameter_m": (
-                0 < self.robot_diameter_m <= MAX_SIDE_CELLS * self.cell_m,
+                0 < self.diameter_m <= MAX_SIDE_CELLS * self.cell_m,
                 f"a length in m up to that of {MAX_SIDE_CELLS} cells",
             ),
             "zone": (
@@ -146,7 +148,7 @@ class Scenario:
         for field, (valid, expected) in checks.items():
             if not valid:
                 raise ScenarioError(
-                    f"scenario {self.name}: {field} = {getattr(self, field)} is not usable; "
+                    f"scenario {self.name}: {field} = {(vars(self) | sized)[field]} is not usable; "
                     f"give {expected}"
                 )
 
@@ -163,7 +165,7 @@ class Scenario:
             if field != "obstacles" and len(touching):
                 raise ScenarioError(
                     f"scenario {self.name}: {field} has cell {cells[touching[0]]}, where a robot "
-                    f"of {100 * self.robot_diameter_m:.1f} cm touches an obstacle; move one of them"
+                    f"of {100 * self.diameter_m:.1f} cm touches an obstacle; move one of them"
                 )
 
     def require_free_starts(self) -> None:
@@ -182,6 +184,11 @@ class Scenario:
                     )
 
     @property
+    def diameter_m(self) -> float:
+        """Diameter of every robot."""
+        return TABLE_I.diameter_m if self.robot_diameter_m is None else self.robot_diameter_m
+
+    @property
     def robots(self) -> int:
         """Number of robots N."""
         return len(self.targets)
@@ -194,7 +201,7 @@ class Scenario:
         have whole coordinates.
         """
         # 1e-9: robots of 7 cm on cells of 1 cm touch at 7 cells, whatever 0.07 / 0.01 rounds to
-        return math.floor((self.robot_diameter_m / self.cell_m) ** 2 + 1e-9)
+        return math.floor((self.diameter_m / self.cell_m) ** 2 + 1e-9)
 
     @property
     def walls(self) -> np.ndarray:
@@ -260,19 +267,15 @@ class Scenario:
 
     def digest(self) -> str:
         """Hash (16 hex digits) of the geometry, without name and title."""
-        geometry = {k: v for k, v in asdict(self).items() if k not in {"name", "title"}}
+        geometry = asdict(self) | {"robot_diameter_m": self.diameter_m}
+        del geometry["name"], geometry["title"]
         if not self.zone_is_obstacle:
             del geometry["zone_is_obstacle"]  # as before there was this field
         return digest_of(geometry)
 
 
 def touching_pair(cells: Sequence[Cell], squared_contact: int) -> tuple[int, int] | None:
-    """Indices of two of some cells, closer than contact, the least that there are; else None.
-
-    Args:
-        cells: centres of robots.
-        squared_contact: largest squared distance in cells² of robots that touch.
-    """
+    """Indices of two of some cells, closer than contact, the least that there are; else None."""
     side = math.isqrt(squared_contact) + 1
     before: dict[Cell, list[int]] = {}
     for i, (x, y) in enumerate(cells):

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
@@ -20,6 +20,7 @@ ROUGH = Path(__file__).parent / "worlds" / "rough.toml"  # a world in which noth
 MAX_CELLS = MAX_SIDE_CELLS**2  # of a list, before those that stand there twice are left out
 
 _FILE = Kind("scenario file", "check the path", ScenarioError)
+_Form = TypeVar("_Form")
 _WORLD_FILE = Kind("world file", "check the path", WorldError)
 
 
@@ -51,10 +52,6 @@ def find_in_world(
         scenario: name of a built-in scenario, scenario file (.toml) or record.
         world: world file, record, or dict of its fields; by default the table `[world]` of the
             scenario file, or the paper's.
-
-    Raises:
-        ScenarioError: there is no such scenario, or the file does not describe one.
-        WorldError: the world is invalid, or both files have one.
     """
     name, own, declared = str(scenario), IDEAL, world
     if isinstance(declared, str | Path):
@@ -81,12 +78,7 @@ def find_in_world(
 
 
 def in_world(scenario: Scenario, world: World) -> Scenario:
-    """A scenario with the obstacles of a world too.
-
-    Raises:
-        ScenarioError: an obstacle is off the board, or stands where a robot starts or parks.
-        WorldError: a patch is not on the board.
-    """
+    """A scenario with the obstacles of a world too."""
     for patch in world.mu_patches:
         left, bottom, right, top = patch.cells
         if not (0 <= left <= right < scenario.columns and 0 <= bottom <= top < scenario.rows):
@@ -105,16 +97,16 @@ class _WorldFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def read_world(path: Path) -> World:
-    """The world of a file that has nothing else.
+    """Return the world of a file that has nothing else."""
+    return _converted(path, _WORLD_FILE, _WorldFile).world
 
-    Raises:
-        WorldError: the file is missing, no TOML, or a field is wrong; the message names it.
-    """
-    content = read_toml(path, _WORLD_FILE)
+
+def _converted(path: Path, kind: Kind, form: type[_Form]) -> _Form:
+    content = read_toml(path, kind)
     try:
-        return msgspec.convert(content, _WorldFile).world
+        return msgspec.convert(content, form)
     except msgspec.ValidationError as error:
-        raise WorldError(f"{path}: {_field_message(str(error))}") from error
+        raise kind.error(f"{path}: {_field_message(str(error))}") from error
     except WorldError as error:
         raise WorldError(f"{path}: {error}") from None
 
@@ -140,7 +132,7 @@ class _ScenarioFile(msgspec.Struct, forbid_unknown_fields=True):
     zone: Rectangle | None = None
     zone_is_obstacle: bool = False
     obstacles: list[list[_Index]] = []
-    robot_diameter_m: float = TABLE_I.diameter_m
+    robot_diameter_m: float | None = None
     world: World = IDEAL
 
 
@@ -150,17 +142,8 @@ def _read(path: Path) -> tuple[Scenario, World]:
     Start cells are a side of the board or a list, obstacles a list; a list has cells `[x, y]` and
     rectangles `[first column, first row, last column, last row]`. The zone is by default the
     7 x 7 cells in the middle, as in Section V.
-
-    Raises:
-        ScenarioError: the file is missing, no TOML, or a field is wrong; the message names it.
-        WorldError: the world is invalid.
     """
-    try:
-        file = msgspec.convert(read_toml(path, _FILE), _ScenarioFile)
-    except msgspec.ValidationError as error:
-        raise ScenarioError(f"{path}: {_field_message(str(error))}") from error
-    except WorldError as error:
-        raise WorldError(f"{path}: {error}") from None
+    file = _converted(path, _FILE, _ScenarioFile)
     if (file.swarm is None) == (not file.robots):
         raise ScenarioError(
             f"{path}: robots: give a table [[robots]] for each robot, or one table [swarm]"
@@ -169,7 +152,8 @@ def _read(path: Path) -> tuple[Scenario, World]:
         board = _board_of(file, path)
     else:
         try:
-            cells = file.robot_diameter_m / file.cell_m if file.cell_m > 0.0 else math.inf
+            diameter_m = file.robot_diameter_m or TABLE_I.diameter_m
+            cells = diameter_m / file.cell_m if file.cell_m > 0.0 else math.inf
             cells = cells if 0.0 < cells < math.inf else 0.0  # refused by the scenario
             board = lay_out(file.swarm, cells, file.columns, file.rows, path.parent)
         except ScenarioError as error:

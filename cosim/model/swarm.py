@@ -53,10 +53,6 @@ def lay_out(
         diameter_cells: of every robot.
         columns, rows: of the board; by default as many as the swarm needs.
         folder: of a file of targets.
-
-    Raises:
-        ScenarioError: the swarm needs a larger board or spacing, or there is no such formation, or
-            not a target for each robot; the message names the field.
     """
     count, spacing = swarm.robots, swarm.spacing
     least = math.floor(diameter_cells + 1e-9) + 1  # at which robots do not touch
@@ -109,9 +105,16 @@ def _read_targets(name: str, folder: Path) -> np.ndarray:
             f"swarm.targets = '{name}' is unknown; choose one of {', '.join(FORMATIONS)}, "
             "a list of cells, or a .csv file"
         )
-    lines = read_bytes(folder / name, _TARGETS).decode(errors="replace").split()
-    with parsing(folder / name, _TARGETS):
-        return np.array([[int(part) for part in line.split(",")] for line in lines]).reshape(-1, 2)
+    text = read_bytes(folder / name, _TARGETS).decode("utf-8-sig", errors="replace")
+    cells: list[tuple[int, int]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        with parsing(folder / name, _TARGETS):
+            if line.strip():
+                parts = tuple(int(part) for part in line.split(","))
+                if len(parts) != 2:
+                    raise ValueError(f"line {number} has {len(parts)} numbers")
+                cells.append(parts)
+    return np.array(cells).reshape(-1, 2)
 
 
 @cache

@@ -52,17 +52,17 @@ class Sensor(_Record, frozen=True, forbid_unknown_fields=True):
     """The camera over the board; at a rate of 0 poses are known exactly, every control period."""
 
     rate_hz: Annotated[
-        float, Quantity("Hz", "world", "frames of the camera per second, 0: exact poses")
+        float, Quantity("Hz", "ideal", "frames of the camera per second, 0: exact poses")
     ] = 0.0
-    delay_ms: Annotated[float, Quantity("ms", "world", "from a frame to its poses")] = 0.0
+    delay_ms: Annotated[float, Quantity("ms", "ideal", "from a frame to its poses")] = 0.0
     position_noise_mm: Annotated[
-        float, Quantity("mm", "world", "standard deviation of x and of y in a frame")
+        float, Quantity("mm", "ideal", "standard deviation of x and of y in a frame")
     ] = 0.0
     heading_noise_deg: Annotated[
-        float, Quantity("deg", "world", "standard deviation of the heading in a frame")
+        float, Quantity("deg", "ideal", "standard deviation of the heading in a frame")
     ] = 0.0
     dropout: Annotated[
-        float, Quantity("1", "world", "share of the frames in which a robot is not found")
+        float, Quantity("1", "ideal", "share of the frames in which a robot is not found")
     ] = 0.0
 
     def __post_init__(self) -> None:
@@ -95,38 +95,34 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
     Attributes:
         mu: Coulomb friction coefficient of the floor.
         mu_patches: cells with another one.
-        motor_spread: relative standard deviation of K_T, R, J and m r, of each motor.
+        motor_spread: of every motor's own parameters.
         motor_speed_noise: half width of the uniform noise on measured speeds over the set point.
-        restitution: of the feet (Newton's impact law).
-        floor_tilt_deg: slope of the floor; every episode draws where it falls.
-        payload_g: on every robot, at the height of its centre of mass.
+        floor_tilt_deg: every episode draws where the floor falls.
         payload_offset_mm: of the payload, forwards and to the left of the robot's axis.
         motor_phases_deg: angles at which the motors begin, r1.D, r1.E, r2.D and so on; 0, and by
             default all, with the eccentric mass straight down.
-        sensor: the camera.
         obstacles: cells [x, y] and rectangles that stand on the floor as well.
-        edge: whether the floor ends where the board does. By default the board is a part of a
-            larger floor, and feet beyond it stand.
+        edge: by default the board is a part of a larger floor, and feet beyond it stand.
     """
 
     mu: float | None = None
     mu_patches: tuple[Patch, ...] = ()
     motor_spread: Annotated[
-        float | None, Quantity("1", "world", "relative standard deviation of K_T, R, J and m r")
+        float | None, Quantity("1", "ideal", "relative standard deviation of K_T, R, J and m r")
     ] = None
     motor_speed_noise: float | None = None
     restitution: Annotated[
-        float | None, Quantity("1", "world", "Newton's impact law at the feet")
+        float | None, Quantity("1", "ideal", "Newton's impact law at the feet")
     ] = None
-    floor_tilt_deg: Annotated[float, Quantity("deg", "world", "slope of the floor")] = 0.0
+    floor_tilt_deg: Annotated[float, Quantity("deg", "ideal", "slope of the floor")] = 0.0
     payload_g: Annotated[
-        float, Quantity("g", "world", "on every robot, at the height of its centre of mass")
+        float, Quantity("g", "ideal", "on every robot, at the height of its centre of mass")
     ] = 0.0
     payload_offset_mm: tuple[float, float] = (0.0, 0.0)
     motor_phases_deg: tuple[float, ...] = ()
     sensor: Sensor | None = None
     obstacles: tuple[tuple[int, ...], ...] = ()
-    edge: Annotated[bool, Quantity("", "world", "whether there is no floor beyond the board")] = (
+    edge: Annotated[bool, Quantity("", "ideal", "whether there is no floor beyond the board")] = (
         False
     )
 
@@ -159,6 +155,14 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
             )
 
     @property
+    def stated(self) -> list[str]:
+        """Return the names in `CoSimConfig.table` of the values that this world states."""
+        names = [n for n in self.__struct_fields__ if getattr(self, n) != getattr(IDEAL, n)]
+        own = [parameter_name("world", n) for n in names if n not in ("sensor", "obstacles")]
+        sensor = Sensor.__struct_fields__ if self.sensor else ()
+        return own + [parameter_name("world.sensor", n) for n in sensor]
+
+    @property
     def draws(self) -> bool:
         """Return whether episodes draw anything."""
         return bool(self.motor_spread) or self.floor_tilt_deg > 0.0
@@ -179,6 +183,13 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
 
 
 IDEAL = World()  # the paper's
+
+
+def parameter_name(table: str, name: str) -> str:
+    """Return what `CoSimConfig.table` calls a field of a table of a preset or a world."""
+    if table == "world.sensor":
+        return f"sensor_{name}"
+    return "relative_amplitude" if name == "motor_speed_noise" else name
 
 
 class Drawn(msgspec.Struct, frozen=True):
@@ -214,14 +225,7 @@ def generator(seed: np.random.SeedSequence, child: int) -> np.random.Generator:
 def draw_world(
     world: World, motor: MotorParams, robots: int, seed: np.random.SeedSequence
 ) -> Drawn:
-    """Draw the values of an episode.
-
-    Args:
-        world: as declared.
-        motor: nominal parameters.
-        robots: N.
-        seed: of the episode; it is not changed.
-    """
+    """Draw the values of an episode."""
     rng = generator(seed, _WORLD_CHILD)
     normal = rng.standard_normal((robots, 2, 4))
     factors = 1.0 + (world.motor_spread or 0.0) * np.clip(
@@ -241,16 +245,9 @@ def draw_world(
 def motor_phases(world: World, robots: int) -> np.ndarray:
     """Angles at which the motors of an episode begin.
 
-    Args:
-        world: as declared.
-        robots: N.
-
     Returns:
         (N, 2) rad of motors D and E, 0 where the mass hangs straight down; NaN where the world says
         nothing.
-
-    Raises:
-        WorldError: the world has phases of another number of motors.
     """
     phases_deg, motors = world.motor_phases_deg, 2 * robots
     if not phases_deg:

@@ -35,7 +35,7 @@ class DistanceThresholds(NamedTuple):
 
 def distance_thresholds(scenario: Scenario) -> DistanceThresholds:
     """Thresholds of Eq. (9) (5, 6 and 10 cm for robots of 5 cm) in cells² of the scenario."""
-    diameter_cells = scenario.robot_diameter_m / scenario.cell_m
+    diameter_cells = scenario.diameter_m / scenario.cell_m
     # Eq. (9) is written for the 5 cm robot: near up to 6/5 and medium up to 2 diameters.
     near, medium = (math.floor((s * diameter_cells) ** 2 + 1e-9) for s in (1.2, 2.0))
     return DistanceThresholds(scenario.squared_contact, near, medium)

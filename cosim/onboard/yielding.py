@@ -54,7 +54,7 @@ def board_of(scenario: Scenario, margin_m: float = 0.0) -> Board:
         scenario.columns,
         scenario.rows,
         scenario.cell_m,
-        scenario.robot_diameter_m,
+        scenario.diameter_m,
         margin_m,
         scenario.walls * scenario.cell_m,
         scenario.closed * scenario.cell_m,

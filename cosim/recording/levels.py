@@ -5,7 +5,6 @@ weighs; docs/performance.md has the sizes. What the signals are is `cosim.record
 """
 
 import math
-from dataclasses import replace
 from typing import Literal, NamedTuple
 
 from cosim.coupling.signals import RawSamples
@@ -47,7 +46,7 @@ DETAILS: dict[Level, Detail] = {
 def with_bursts(config: CoSimConfig, level: Level | Literal["none"]) -> CoSimConfig:
     """A configuration that samples the bursts of a level, and none where nothing is recorded."""
     burst_s = 0.0 if level == "none" else DETAILS[level].burst_s
-    return replace(config, timing=config.timing._replace(burst_s=burst_s))
+    return config.having("a recording's level", burst_s=burst_s)
 
 
 def periods(time_s: float, control_period_s: float, rl_step_s: float) -> int:

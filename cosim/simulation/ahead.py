@@ -28,15 +28,6 @@ def compiling_ahead(
 
     It ends with this process, and when an error leaves the context; otherwise it continues after
     that. Whatever needs the kernels waits for it, or compiles them if it has failed.
-
-    Args:
-        robots: of an episode.
-        driver: of the co-simulation.
-        episodes: how many will be simulated.
-        threads: batches at the same time.
-
-    Yields:
-        The process, None if there is none.
     """
     if workers(-1) < 2 or is_compiled(run_periods):
         yield None

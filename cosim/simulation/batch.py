@@ -71,11 +71,7 @@ def places_for(driver: str, robots: int, tasks: int, threads: int) -> int:
 
 
 def chosen_driver(name: str | None, motor_fmu: Path, config: CoSimConfig) -> str:
-    """Return the name of a driver; by default fmpy, or compiled where fmpy cannot step the motors.
-
-    Raises:
-        FmuError: the FMU cannot be loaded, or lacks a part of the motor interface.
-    """
+    """Return a driver's name; by default fmpy, or compiled where fmpy cannot step the motors."""
     if name is None:
         return "compiled" if why_not_fmpy(MotorFmu(motor_fmu), config) else "fmpy"
     return name
@@ -86,38 +82,17 @@ def shared(config: CoSimConfig) -> tuple[Any, ...]:
 
     That is all but the world, the floor's friction and the speed noise.
     """
-    return (
-        config.robot._replace(mu=0.0),
-        config.motor,
-        config.motor_parameters,
-        config.motor_fmu,
-        config.noise.hold_s,
-        config.timing,
-        config.steering,
-        config.estimator,
-        config.reaction,
-        config.portable,
-        config.on_collision,
-        config.through,
-        config.shield,
-        config.open_loop,
-    )
+    own = ("robot", "noise", "world", "preset", "sources")
+    same = [value for name, value in vars(config).items() if name not in own]
+    return config.robot._replace(mu=0.0), config.noise.hold_s, *same
 
 
 class Batch:
     """Places for K episodes of N robots each, advanced together in RL steps.
 
     Attributes:
-        config: of episodes that are begun without one.
         episodes: K of them, None where none has begun.
-        robots: N.
         state: variables of all columns; another record after `begin` and `set_state`.
-
-    Raises:
-        ConfigError: lanes are given for a driver without, or the driver cannot do what the
-            configuration asks for.
-        FmuError: the FMU cannot be loaded, lacks a part of the motor interface, or a capability
-            that the driver needs.
     """
 
     def __init__(
@@ -133,7 +108,7 @@ class Batch:
 
         Args:
             motor_fmu: of every motor.
-            config: all parameters.
+            config: of episodes that are begun without one.
             robots: N.
             places: K.
             driver: one of DRIVERS.
@@ -178,19 +153,9 @@ class Batch:
 
         Args:
             place: from 0 to K − 1.
-            scenario: of N robots.
-            starts: start cell of each robot.
-            seed: of the speed noise, of which every motor gets a child of its own, and of the
-                world.
+            scenario, starts, seed, sampled: see `RunningEpisode`.
             config: of the episode, see `shared`; default the batch's.
             kind: class of the episode.
-            sampled: indices of the robots with kept signals, see `RunningEpisode`.
-
-        Raises:
-            ConfigError: the configuration or the number of robots is not that of the batch, or the
-                robots' diameter is not the scenario's.
-            WorldError: the world has initial phases of another number of motors.
-            FmuError: the FMU refuses to be initialised, or has no initial phase.
         """
         config = config or self.config
         if shared(config) != shared(self.config):
@@ -240,19 +205,7 @@ class Batch:
         self.state.patches[place, : len(patches)] = patches
 
     def advance(self, actions: Mapping[int, np.ndarray]) -> dict[int, Step]:
-        """Simulate one RL step of all running episodes.
-
-        Args:
-            actions: (N,) direction index of each robot, by place of the running episodes.
-
-        Returns:
-            The step of each episode, by place.
-
-        Raises:
-            FmuError: an FMU failed; names the instance and the time.
-            NotFiniteError: a signal is no finite number; names it, the robot and the time.
-            UserError: no episode is running.
-        """
+        """Simulate one RL step of all running episodes by (N,) actions; both by their places."""
         going_on = self.going_on()
         for place, episode in going_on.items():
             episode.begin_step(actions[place])
@@ -351,11 +304,7 @@ class Batch:
         still.add(new_samples(2, columns))
 
     def get_state(self) -> tuple[Any, ...]:
-        """Return a copy of all that changes, for `set_state`; it can be pickled.
-
-        Raises:
-            FmuError: the motor FMU cannot save its state.
-        """
+        """Return a copy of all that changes, for `set_state`; it can be pickled."""
         state = State(*(array.copy() for array in self.state))
         return state, _copies(self.episodes), self._motors.get_state()
 
@@ -363,10 +312,6 @@ class Batch:
         """Go back to a state of this batch, or of one made with the same arguments.
 
         What follows has the bits that followed then.
-
-        Raises:
-            ConfigError: the state is that of another number of episodes.
-            FmuError: the motor FMU refuses its state.
         """
         state, episodes, motors = saved
         if len(episodes) != len(self.episodes):
@@ -422,9 +367,9 @@ def floor_patches(scenario: Scenario, config: CoSimConfig) -> np.ndarray:
 
 def require_size(scenario: Scenario, config: CoSimConfig) -> None:
     """Refuse robots of another diameter than the scenario's; raises ConfigError."""
-    if config.robot.diameter_m != scenario.robot_diameter_m:
+    if config.robot.diameter_m != scenario.diameter_m:
         raise ConfigError(
             f"diameter_m = {config.robot.diameter_m:g} of the configuration is not "
-            f"robot_diameter_m = {scenario.robot_diameter_m:g} of scenario {scenario.name}; "
-            "use config.sized(scenario.robot_diameter_m)"
+            f"robot_diameter_m = {scenario.diameter_m:g} of scenario {scenario.name}; "
+            "use config.sized(scenario.diameter_m)"
         )

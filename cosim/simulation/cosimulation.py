@@ -24,11 +24,6 @@ class CoSimulation:
         scenario, config: as given; by default the default parameters, uncalibrated, with robots of
             the scenario's diameter.
         episode: under way, or the last one.
-
-    Raises:
-        ConfigError: the robot's diameter is not the scenario's.
-        FmuError: the FMU cannot be loaded, lacks a part of the motor interface, or a capability
-            that the driver needs.
     """
 
     episode: RunningEpisode
@@ -43,9 +38,7 @@ class CoSimulation:
     ) -> None:
         self.scenario = scenario
         motor_fmu = taken("motor_fmu", motor_fmu, Path)
-        self.config = with_motor(
-            config or CoSimConfig().sized(scenario.robot_diameter_m), motor_fmu
-        )
+        self.config = with_motor(config or CoSimConfig().sized(scenario.diameter_m), motor_fmu)
         require_size(scenario, self.config)
         self._batch = Batch(motor_fmu, self.config, scenario.robots, 1, driver, lanes)
 
@@ -86,14 +79,7 @@ class CoSimulation:
         return self.episode.conflicts
 
     def advance(self, action: np.ndarray) -> Step:
-        """Simulate one RL step.
-
-        Args:
-            action: (N,) direction index of each robot; a robot under way keeps its own.
-
-        Raises:
-            FmuError: an FMU failed; names the instance and the time.
-        """
+        """Simulate one RL step with (N,) directions; a robot under way keeps its own."""
         return self._batch.advance({0: action})[0]
 
     def close(self) -> None:

@@ -56,11 +56,7 @@ class SupportsDrive(Protocol):
 
 
 def drives(policy: Any) -> bool:
-    """Return whether a policy commands motors instead of choosing directions.
-
-    Raises:
-        ConfigError: it does neither or both.
-    """
+    """Return whether a policy commands motors instead of choosing directions."""
     known = [name for name in ("act", "drive") if callable(getattr(policy, name, None))]
     if isinstance(policy, type) or not known:
         raise ConfigError(
@@ -75,11 +71,7 @@ def drives(policy: Any) -> bool:
 
 
 def options_for(policy: Any, options: SimulationOptions) -> SimulationOptions:
-    """Return options in which RL steps are the control intervals of a policy that has them.
-
-    Raises:
-        ConfigError: an option has no effect on such a policy, or it has no interval.
-    """
+    """Return options in which RL steps are the control intervals of a policy that has them."""
     if not drives(policy):
         return options
     refuse_without_effect(vars(options), "on a policy that commands motors")
@@ -88,11 +80,7 @@ def options_for(policy: Any, options: SimulationOptions) -> SimulationOptions:
 
 
 def refuse_without_effect(options: Mapping[str, Any], where: str) -> None:
-    """Refuse options of the co-simulation that only matter where directions are chosen.
-
-    Raises:
-        ConfigError: one of them is given.
-    """
+    """Refuse options of the co-simulation that only matter where directions are chosen."""
     given = [name for name in ("rl_step", "through", "shield") if options.get(name)]
     if "heading" in (options.get("open_loop") or ()):
         given.append("open_loop = heading")
@@ -138,6 +126,13 @@ class DrivenEpisode(RunningEpisode):
             raise UserError(
                 f"the policy returned {shown(action)}; expected {n} x 2 finite numbers, the set "
                 "points of motors D and E of each robot in rad/s"
+            )
+        fastest, limit = float(np.abs(set_points).max()), self.config.lift_off_rad_s
+        if fastest >= limit:
+            raise UserError(
+                f"the policy commands a motor speed of {fastest:g} rad/s, which would make the "
+                f"robot hop; stay below lift-off at {limit:.0f} rad/s (without any hop up to "
+                "motion.config.steering.max_speed_rad_s)"
             )
         return set_points
 

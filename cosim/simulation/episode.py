@@ -53,7 +53,6 @@ class RunningEpisode:
     """One episode in its columns of a co-simulation's state.
 
     Attributes:
-        scenario, config: as given.
         drawn: what the episode has drawn from its world.
         outcome: RUNNING before its end.
         time_s: simulated time.
@@ -77,8 +76,7 @@ class RunningEpisode:
         """Put the robots on their start cells, facing the board's centre row.
 
         Args:
-            scenario: board, targets and robots.
-            config: all parameters.
+            scenario, config: of the episode.
             state: of the co-simulation.
             columns: those of the episode's robots.
             starts: start cell of each robot.
@@ -168,15 +166,7 @@ class RunningEpisode:
         return decide(policy, self.observation)
 
     def begin_step(self, action: Any) -> None:
-        """Adopt actions.
-
-        Args:
-            action: (N,) direction index of each robot, as the policy returned it; a robot under way
-                keeps its own.
-
-        Raises:
-            UserError: the action is anything else.
-        """
+        """Adopt (N,) directions, as a policy returned them; a robot under way keeps its own."""
         self._decided = self._adopt(self._directions(action))
         self._first_tick = self._tick
         self._was_moving = ~self._at_end()

@@ -38,13 +38,7 @@ class Measures:
     def __init__(
         self, positions_m: np.ndarray, headings_rad: np.ndarray, control_period_s: float
     ) -> None:
-        """Begin an episode.
-
-        Args:
-            positions_m: (N, 2) centres of the robots at its start.
-            headings_rad: (N,) their headings then.
-            control_period_s: time between samples.
-        """
+        """Begin an episode."""
         n = len(positions_m)
         self.path_length_m = np.zeros(n)
         self.rotation_rad = np.zeros(n)
@@ -105,17 +99,8 @@ def _add(
 ) -> tuple[float, float]:
     """Add one RL step to what `Measures` has of each robot.
 
-    Sums run forwards in time, robot by robot, so that nothing else decides their bits.
-
-    Args:
-        position, quaternion, voltage, current, touching: of `Samples`, the last period first.
-        period_s: time between samples.
-        path_periods: periods between two points of the path.
-        since_point: periods since the last point, at the start of the step.
-        last_m, last_rad: (N, 2) and (N,), last point of each robot's path and its heading there,
-            updated.
-        path_length_m, rotation_rad, energy_j, regenerated_j: (N,), added to.
-        boxes_m: (N, 4) room for what each robot stayed within.
+    Sums run forwards in time, robot by robot, so that nothing else decides their bits. Samples have
+    the last period first; the arrays of `Measures` are updated.
 
     Returns:
         Smallest distance of two robots in m, and time in s in which any touched something.

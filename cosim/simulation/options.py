@@ -11,8 +11,16 @@ import tyro
 from cosim.base.arguments import ConfigError, named_once, take_fields
 from cosim.base.command import MotorFmuFile, MotorParameters
 from cosim.base.progress import Progress, silent, under_way
-from cosim.model.config import GIVEN, MAX_VALUE, CoSimConfig, Loop, OnCollision
-from cosim.model.params import SHIELD, STEERING, TIMING, MotorParams
+from cosim.model.config import (
+    GIVEN,
+    MAX_VALUE,
+    OF_MOTOR,
+    CoSimConfig,
+    Loop,
+    OnCollision,
+    whole_ratio,
+)
+from cosim.model.params import SHIELD, STEERING, MotorParams
 from cosim.model.preset import PAPER, Preset, find_preset
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
@@ -28,15 +36,15 @@ class Physics:
     preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
     """Machine: paper (Tables I and II), icra2006, thesis, or a file (.toml, see
     docs/validation.md). What a world says overrides what the machine brings along, and --mu and
-    --noise before both; on a board robots have the diameter of the scenario."""
+    --noise before both. Robots have the machine's diameter, which no scenario may contradict."""
     mu: float | None = None
-    """Coulomb friction coefficient of the feet (0.1 to 0.4 in the literature), 0.15 by default or
-    as the preset says."""
+    """Coulomb friction coefficient of the feet on the floor (0.1 to 0.4 in the literature), 0.15 by
+    default or as the preset says. Robots that touch each other have mu_robots of the preset."""
     noise: float | None = None
     """Half width of the uniform noise on measured motor speeds, relative to the set point; 0.05
     by default."""
-    dt: Annotated[float, tyro.conf.arg(metavar="S")] = TIMING.dt_s
-    """Integration step of the bodies in s."""
+    dt: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    """Integration step of the bodies in s; by default 1e-5 (Section V)."""
     communication_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
     """Time between exchanges with the FMUs in s, a whole multiple of dt; by default dt."""
     reaction: bool = False
@@ -57,15 +65,7 @@ class Physics:
                 )
 
     def config(self, world: World = IDEAL) -> CoSimConfig:
-        """Parameters of the co-simulation, of robots of the preset's size and not yet calibrated.
-
-        Args:
-            world: of the robots.
-
-        Raises:
-            ConfigError: they do not fit together, or one is said here and by the world.
-            PresetError: there is no such preset.
-        """
+        """Return parameters for robots of the preset's size in a world, not yet calibrated."""
         said = {"mu": "mu", "noise": "motor_speed_noise"}
         for option, field in said.items():
             if getattr(self, option) is not None and getattr(world, field) is not None:
@@ -84,22 +84,23 @@ class Physics:
                 )
         known = {name: value for name, value in given.items() if name in MotorParams._fields}
         if known:
-            sources = {**preset.sources, **dict.fromkeys(known, GIVEN)}
+            sources = {**preset.sources, **dict.fromkeys(known, OF_MOTOR)}
             preset = preset._replace(motor=preset.motor._replace(**known), sources=sources)
-        step_s = self.dt if self.communication_step is None else self.communication_step
-        return replace(
-            preset.config(world).with_overrides(self.mu, self.noise),
-            timing=TIMING._replace(dt_s=self.dt, communication_step_s=step_s),
-            reaction=self.reaction,
-            motor_parameters=tuple(given.items()),
+        config = preset.config(world).having(
+            GIVEN,
+            mu=self.mu,
+            relative_amplitude=self.noise,
+            dt_s=self.dt,
+            communication_step_s=self.communication_step or self.dt,
         )
+        return replace(config, reaction=self.reaction, motor_parameters=tuple(given.items()))
+
+    def board(self, scenario: Scenario) -> Scenario:
+        """Return a scenario with robots of the preset's size, see `Preset.board`."""
+        return find_preset(self.preset).board(scenario)
 
     def fmu(self, progress: Progress = silent) -> Path:
-        """The motor FMU: the one named, or the built-in one, which is compiled the first time.
-
-        Raises:
-            UserError: it cannot be compiled.
-        """
+        """The motor FMU: the one named, or the built-in one, which is compiled the first time."""
         # here, because commands parse their options before they load fmpy
         from fmus.build import cached_fmu  # noqa: PLC0415
 
@@ -116,16 +117,6 @@ class Physics:
 
         The built-in FMU is compiled the first time, a calibration measured (some seconds each).
         Episodes of a scenario are prepared by `resolve`.
-
-        Args:
-            diameter_m: of the robots; by default that of the preset.
-            progress: receives what is prepared.
-            world: of the robots.
-
-        Raises:
-            ConfigError: the parameters do not fit together.
-            CalibrationError: the drive speed needs hopping.
-            FmuError: the FMU cannot be used, or failed.
         """
         config = self.config(world)
         if diameter_m is not None:
@@ -155,11 +146,9 @@ class DecisionOptions:
 
     def deciding(self, config: CoSimConfig) -> CoSimConfig:
         """A configuration with these decisions."""
-        rl_step_s = self.rl_step
-        if rl_step_s is None:
-            rl_step_s = PROMPT_RL_STEP_S if self.through else config.timing.rl_step_s
-        timing = config.timing._replace(rl_step_s=rl_step_s)
-        return replace(config, timing=timing, through=self.through)
+        prompt_s = PROMPT_RL_STEP_S if self.through and self.rl_step is None else None
+        config = replace(config, through=self.through).having(GIVEN, rl_step_s=self.rl_step)
+        return config.having("set by --through", rl_step_s=prompt_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,8 +177,8 @@ class SimulationOptions(Physics, DecisionOptions):
     same bits on every machine (docs/performance.md says when). By default it has those of published
     results, which another C library changes."""
     time_limit: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
-    """Simulated time in s after which an episode ends as a time-out; by default 600, and longer in
-    proportion where robots are slower than by default."""
+    """Simulated time in s after which an episode ends as a time-out, a whole multiple of the RL
+    step; by default 600, and longer in proportion where robots are slower than by default."""
 
     def config(self, world: World = IDEAL) -> CoSimConfig:
         """See `Physics.config`."""
@@ -199,15 +188,14 @@ class SimulationOptions(Physics, DecisionOptions):
                 "--noise has no effect with --open-loop motors, which measure no speed; "
                 "leave it out"
             )
-        timing, steering = config.timing, config.steering
-        if self.time_limit is not None:
-            timing = timing._replace(episode_limit_s=self.time_limit)
-        if self.speed is not None:
-            steering = steering._replace(drive_speed_m_s=1e-3 * self.speed)
+        if self.time_limit is not None:  # else episodes would end at the end of an RL step
+            whole_ratio("time_limit", self.time_limit, "rl_step_s", config.timing.rl_step_s)
         return replace(
-            config,
-            timing=timing,
-            steering=steering,
+            config.having(
+                GIVEN,
+                episode_limit_s=self.time_limit,
+                drive_speed_m_s=None if self.speed is None else 1e-3 * self.speed,
+            ),
             on_collision=self.on_collision,
             shield=SHIELD if self.shield else None,
             open_loop=self.open_loop,
@@ -226,21 +214,14 @@ class SimulationOptions(Physics, DecisionOptions):
             if self.time_limit is None:
                 slower = STEERING.drive_speed_m_s / config.steering.drive_speed_m_s
                 limit_s = math.ceil(slower * config.timing.episode_limit_s)
-                config = replace(config, timing=config.timing._replace(episode_limit_s=limit_s))
+                if slower > 1.0:
+                    source = "computed: longer in proportion where robots are slower"
+                    config = config.having(source, episode_limit_s=limit_s)
         return with_stopping_distance(config, fmu, progress) if config.shield else config
 
 
 def options_of(call: str, given: Mapping[str, Any], *more: str) -> SimulationOptions:
-    """Return the options that a call in Python is given by name.
-
-    Args:
-        call: of messages.
-        given: values by name.
-        more: names that the call takes itself.
-
-    Raises:
-        ConfigError: one is unknown or does not fit.
-    """
+    """Return the options that a call in Python is given by name."""
     known = [*more, *(option.name for option in fields(SimulationOptions))]
     for name in given:
         if name not in known:
@@ -283,14 +264,9 @@ def resolve(
             of the scenario file, else the paper's.
         require: refuses scenarios, for example those that a policy was not trained on, before
             anything is measured.
-
-    Raises:
-        ScenarioError, WorldError, PresetError, ConfigError: something does not exist or does not
-            fit.
-        CalibrationError: the drive speed needs hopping.
-        FmuError: the FMU cannot be used, or failed.
     """
     scenario, world = find_in_world(scenario, options.world if world is None else world)
+    scenario = options.board(scenario)
     if require is not None:
         require(scenario)
-    return Setup(scenario, *options.prepare(scenario.robot_diameter_m, progress, world))
+    return Setup(scenario, *options.prepare(scenario.diameter_m, progress, world))

@@ -64,13 +64,7 @@ class EpisodeResult(msgspec.Struct, frozen=True):
 
 
 def result_of(episode: RunningEpisode, starts: tuple[Cell, ...], wall_s: float) -> EpisodeResult:
-    """The result of an episode that has ended.
-
-    Args:
-        episode: that has ended.
-        starts: start cell of each robot.
-        wall_s: wall-clock time that it took; its share where others shared the work.
-    """
+    """Return an episode's result; `wall_s` is its share where others shared the work."""
     measures = episode.measures
     lengths = tuple(round(100.0 * float(v), _DIGITS) for v in measures.path_length_m)
     energies = tuple(round(float(v), _DIGITS) for v in measures.energy_j)

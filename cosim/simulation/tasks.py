@@ -68,8 +68,6 @@ class Task:
     """An episode to simulate.
 
     Attributes:
-        scenario, config: as for a co-simulation.
-        fmu: motor FMU file.
         policy: acts or drives; the values of its decisions and its rewards are recorded.
         starts: start cell of each robot.
         seed: of the speed noise and of what the world draws.
@@ -113,20 +111,12 @@ class Task:
         """
         digest = getattr(self.policy, "digest", None)
         known = digest() if callable(digest) else identity_of(self.policy) or uuid.uuid4().hex
-        return f"{self.scenario.name}-{digest_of(self.origin, known)}"
+        origin = msgspec.structs.replace(self.origin, config=self.config.unsourced)
+        return f"{self.scenario.name}-{digest_of(origin, known)}"
 
     @classmethod
     def again(cls, origin: EpisodeOrigin, fmu: Path, policy: SupportsAct | SupportsDrive) -> "Task":
-        """The task of an origin.
-
-        Args:
-            origin: of a recorded episode.
-            fmu: motor FMU file.
-            policy: acts.
-
-        Raises:
-            ConfigError: the FMU was another one.
-        """
+        """Return the task of a recorded episode; refuses another motor FMU than then."""
         if origin.motor_fmu != identity_of_fmu(fmu):
             raise ConfigError(
                 f"motor FMU {fmu} is not the one that was recorded; name that by --motor-fmu"
@@ -200,8 +190,11 @@ class _Queue:
         batch: Batch | None = None
         try:
             while not stop.is_set():
-                while free and may_begin() and (taken := self._take()) is not None:
-                    number, task = taken
+                while free and may_begin():
+                    try:
+                        number, task = self._waiting.popleft()
+                    except IndexError:  # another thread may have taken the last one
+                        break
                     batch = batch or _new_batch(task, len(free))
                     place = free.pop()
                     going_on[place] = ActiveEpisode(number, task, batch, place)
@@ -223,12 +216,6 @@ class _Queue:
             if batch is not None:
                 batch.close()
 
-    def _take(self) -> tuple[int, Task] | None:
-        try:
-            return self._waiting.popleft()
-        except IndexError:
-            return None
-
 
 def _new_batch(task: Task, places: int) -> Batch:
     return Batch(task.fmu, task.config, task.scenario.robots, places, task.driver)
@@ -243,16 +230,8 @@ def simulate_tasks(
     anything else. On an interrupt, an error, or when the iterator is closed, episodes under way end
     after their RL step and complete their recordings, without result.
 
-    Args:
-        tasks: what to simulate.
-        threads: batches at the same time.
-        may_begin: whether another episode may begin; those under way continue.
-
     Yields:
         (index of the task, its result).
-
-    Raises:
-        UserError: of an FMU, a policy or a recording.
     """
     together: dict[object, list[tuple[int, Task]]] = {}
     for number, task in enumerate(tasks):

@@ -54,7 +54,7 @@ class Local:
     right = 1.5  # assumed
 
     def __init__(self, scenario: Scenario | None = None) -> None:
-        cells = 5.0 if scenario is None else scenario.robot_diameter_m / scenario.cell_m
+        cells = 5.0 if scenario is None else scenario.diameter_m / scenario.cell_m
         self._kept, self._seen = KEPT * cells, SEEN * cells
         self._ways = None if scenario is None else ways_of(scenario)
 

@@ -31,7 +31,7 @@ def run(options: DesignRobot, _: Progress) -> Iterator[Any]:
     """Work out the design and print it as text."""
     from cosim.machine.platform.design import design
 
-    config = find_preset(options.preset).config().with_overrides(options.mu)
+    config = find_preset(options.preset).config().having("given", mu=options.mu)
     found = design(config.robot, config.motor, 1e-3 * options.speed)
     yield found
     print("\n".join(_lines(found, config.robot)))

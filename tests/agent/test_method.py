@@ -61,7 +61,7 @@ def test_on_moves_a_collision_costs_more_than_any_detour(name, moves, monkeypatc
     """The dearest detour never ends and closes in on a robot that it almost touches."""
     monkeypatch.setattr(methods, "_observed_moves", lambda *_: moves)
     config = method_config("moves", find_scenario(name))
-    process, contact_m = config.process, config.scenario.robot_diameter_m
+    process, contact_m = config.process, config.scenario.diameter_m
     nearness = process.approach_coefficient * (1.0 - contact_m / process.distance_limit_m)
     dearest = (process.step_cost + nearness) / (1.0 - config.learning.gamma)
     assert dearest == pytest.approx(175.0)

@@ -46,7 +46,7 @@ def endure(time_s: float, seed: int, recording: Path | None) -> dict[str, float]
     """
     timing = TIMING._replace(episode_limit_s=1e9)
     config = with_bursts(CoSimConfig(timing=timing), "default" if recording else "none")
-    system = CoSimulation(SCENARIO, cached_fmu(), config.with_overrides(noise=0.0))
+    system = CoSimulation(SCENARIO, cached_fmu(), config.having("given", relative_amplitude=0.0))
     system.compile()
     starts = tuple(cells[0] for cells in SCENARIO.starts)
     system.reset(starts, np.random.SeedSequence(seed))

@@ -136,7 +136,7 @@ def test_scenarios(tmp_path, content):
     def use() -> None:
         scenario, world = find_in_world(path)
         build_process(scenario, ProcessConfig())
-        CoSimConfig().in_world(world).sized(scenario.robot_diameter_m)
+        CoSimConfig().in_world(world).sized(scenario.diameter_m)
 
     one_sentence(use)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import minirobots.__main__
+from cosim.base.command import print_json
 from minirobots.runner import module_of, options_of
 
 ROOT = Path(__file__).parents[2]
@@ -57,6 +58,22 @@ def test_help_of_each_command_loads_only_what_options_need():
     for name, (first, loaded) in found.items():
         assert first.startswith(f"usage: minirobots {name} "), first
         assert not HEAVY.intersection(loaded), name
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
+def test_terminals_of_any_encoding_show_what_they_can(encoding):
+    environment = os.environ | {"PYTHONIOENCODING": encoding}
+    command = [sys.executable, "-m", "minirobots", "run", "--help"]
+    done = subprocess.run(command, capture_output=True, env=environment, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert "with a ? of 0.4" in " ".join(done.stdout.decode(encoding).split())
+
+
+def test_json_is_ascii(capsys):
+    print_json({"µ": "±5 %\n🤖"})
+    out = capsys.readouterr().out
+    assert out.isascii()
+    assert json.loads(out) == {"µ": "±5 %\n🤖"}
 
 
 def test_help_loads_no_command():

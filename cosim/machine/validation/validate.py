@@ -80,7 +80,7 @@ class Measurement:
     @cached_property
     def digest(self) -> str:
         """Hash (16 hex digits) of what decides the result."""
-        parts = self.what, self.config, self.of, self.count, self.dithered, self.seed
+        parts = self.what, self.config.unsourced, self.of, self.count, self.dithered, self.seed
         return digest_of(*parts, identity_of_fmu(self.fmu), VERSION)
 
     @property

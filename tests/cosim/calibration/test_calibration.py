@@ -1,6 +1,7 @@
 """Calibration: real trials give a map, the map gives motor speeds, hopping is refused."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,6 +84,12 @@ def test_speeds_that_need_hopping_are_refused_with_the_largest_possible(calibrat
     fast = CoSimConfig(steering=STEERING._replace(drive_speed_m_s=0.006))
     with pytest.raises(CalibrationError, match=r"6 mm/s .* largest .* 4\.\d\d mm/s"):
         calibration.resolved(fast)
+
+
+def test_robots_that_only_turn_by_hopping_are_refused(calibration):
+    wrong = replace(calibration, yaw_rate_rad_s=-calibration.yaw_rate_rad_s)
+    with pytest.raises(CalibrationError, match=r"diameter_m = 0\.05 hop at every .* turns them"):
+        wrong.resolved(CoSimConfig())
 
 
 def test_turns_as_fast_as_possible_where_the_desired_rate_needs_hopping(calibration):

@@ -170,7 +170,7 @@ def test_the_motors_of_a_user_are_those_that_are_measured(
     config = CoSimConfig()
     foreign = edited_fmu(sluggish, motor_fmu)
     given = (replace(config, motor_parameters=(("K_p", value),)) for value in (0.001, 0.004))
-    read = with_motor(config.with_overrides(mu=0.2), foreign)
+    read = with_motor(config.having("given", mu=0.2), foreign)
     found = [stopping_m(with_stopping_distance(c, motor_fmu)) for c in (config, *given)]
     assert len(set(found)) == 3
     unknown = replace(read, motor=read.motor._replace(b=1e-9))  # the FMU cannot be given it

@@ -1,12 +1,14 @@
 """Machines from files: what they set, what overrides them, what they may not say."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from cosim.model.config import ConfigError, CoSimConfig
-from cosim.model.params import TABLE_I, TABLE_II
+from cosim.model.params import STEERING, TABLE_I, TABLE_II
 from cosim.model.preset import PresetError, built_in, find_preset
+from cosim.model.scenario_file import find_scenario
 from cosim.model.world import IDEAL, Sensor, World
 from cosim.simulation.options import Physics, SimulationOptions
 
@@ -87,7 +89,6 @@ def test_what_is_said_explicitly_holds(written):
     assert Physics(preset="icra2006").config(world).robot.mu == 0.25
     own = SimulationOptions(preset="icra2006", mu=0.2, noise=0.0).config()
     assert (own.robot.mu, own.noise.relative_amplitude) == (0.2, 0.0)
-    assert own.table()["mu"]["source"] == CoSimConfig().table()["mu"]["source"]
     assert find_preset("icra2006").in_world(IDEAL) == IDEAL
 
 
@@ -102,9 +103,56 @@ def test_a_world_sets_what_a_machine_brings_along_back_to_ideal(written):
     brought, ideal = (Physics(preset=file).config(w).table() for w in (IDEAL, world))
     assert [brought[name]["value"] for name in names] == [0.2, 0.1, 0.1, 30.0]
     assert [ideal[name]["value"] for name in names] == [0.0] * 4
-    usual = CoSimConfig().table()
-    assert [ideal[name]["source"] for name in names] == [usual[n]["source"] for n in names]
-    assert brought["sensor_rate_hz"]["source"] == "data sheet"
+    assert {ideal[name]["source"] for name in names} == {"world"}
+    assert [brought[name]["source"] for name in names] == ["measured"] * 3 + ["data sheet"]
+
+
+def test_sources_are_those_of_the_values(written):
+    """Whatever sets a value sets its source; defaults keep theirs, and nothing else does."""
+    file, usual = written("[robot]\nmass_kg = 0.2\ncom_height_m = 0.014\n"), CoSimConfig().table()
+    options = {"mu": 0.15, "noise": 0.1, "dt": 2e-5, "through": True, "speed": 3.0, "time_limit": 9}
+    config = SimulationOptions(preset=file, **options).config(World(payload_g=3.0))
+    sources = {
+        name: row["source"]
+        for name, row in config.table().items()
+        if row["source"] != usual[name]["source"]
+    }
+    steering = [name for name in STEERING._fields if name.endswith("_speed_rad_s")]
+    assert sources == dict.fromkeys(["mass_kg", "com_height_m"], "preset mine") | {
+        "rl_step_s": "set by --through",
+        "payload_g": "world",
+    } | dict.fromkeys(
+        (
+            *("mu", "relative_amplitude", "dt_s", "communication_step_s", "drive_speed_m_s"),
+            *("episode_limit_s", "through", "preset", *steering),
+        ),
+        "given",
+    )
+    assert config.sized(0.04).table()["diameter_m"]["source"] == "scenario"
+    assert config.unsourced == config
+
+
+@pytest.mark.parametrize("size", ["diameter_m = 0.04", "foot_radius_m = 0.022"])
+def test_a_machine_has_its_size_on_every_board(written, size):
+    feet = "" if "foot" in size else "\nfoot_radius_m = 0.018\nmotor_radius_m = 0.016"
+    machine = find_preset(written(f"[robot]\n{size}{feet}"))
+    board, robot = machine.board(find_scenario("1a")), machine.robot
+    assert board.diameter_m == robot.diameter_m
+    assert board.squared_contact == round((100 * robot.diameter_m) ** 2)
+    assert machine.config().sized(board.diameter_m).robot == robot
+    message = "diameter_m = .* but scenario 1a has robot_diameter_m = 0.03; leave it out"
+    with pytest.raises(PresetError, match=message):
+        machine.board(replace(board, robot_diameter_m=0.03))
+    small = replace(board, robot_diameter_m=0.03)
+    assert find_preset("paper").board(small) == small  # whose robots have any size
+
+
+def test_a_stated_size_is_kept_where_it_is_that_of_the_paper(written, tmp_path):
+    find_preset(written("[robot]\ndiameter_m = 0.05")).save(tmp_path / "saved.toml")
+    with pytest.raises(PresetError, match="preset saved states diameter_m"):
+        find_preset(tmp_path / "saved.toml").board(
+            replace(find_scenario("1a"), robot_diameter_m=0.04)
+        )
 
 
 def test_a_communication_step_of_zero_is_refused():

@@ -55,6 +55,8 @@ def test_targets_come_from_a_file_or_a_list(tmp_path):
         ("[swarm]\nrobots = 4096", "columns = 780: .* boards have up to 500"),
         ('[swarm]\nrobots = 4\ntargets = "ring"', r"swarm\.targets = 'ring' is unknown; choose"),
         ('[swarm]\nrobots = 4\ntargets = "no.csv"', "no such file of target cells"),
+        ('[swarm]\nrobots = 2\ntargets = "one.csv"', r"one\.csv: .*line 1 has 1 numbers"),
+        ('[swarm]\nrobots = 2\ntargets = "three.csv"', r"three\.csv: .*line 2 has 3 numbers"),
         ("[swarm]\nrobots = 2\ntargets = [[1, 1]]", r"swarm\.targets has 1 cells for 2 robots"),
         ("cell_m = nan\n[swarm]\nrobots = 2", "cell_m = nan is not usable"),
         ("[swarm]\nrobots = 2\nradius = 3", r"swarm: object contains unknown field 'radius'"),
@@ -62,5 +64,7 @@ def test_targets_come_from_a_file_or_a_list(tmp_path):
     ],
 )
 def test_what_cannot_be_is_refused_by_name(tmp_path, text, message):
+    (tmp_path / "one.csv").write_text("1\n2\n3\n4\n")
+    (tmp_path / "three.csv").write_text("1,2\n3,4,5\n6\n")
     with pytest.raises(ScenarioError, match=message):
         scenario(tmp_path, text)

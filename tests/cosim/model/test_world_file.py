@@ -27,14 +27,15 @@ rate_hz = 30
 def write(tmp_path):
     def written(name, text):
         path = tmp_path / name
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
         return path
 
     return written
 
 
-def test_a_scenario_may_have_a_world(write):
-    scenario, world = find_in_world(write("own.toml", SCENARIO + WORLD))
+@pytest.mark.parametrize("mark", ["", "\ufeff"])  # with which editors on Windows begin files
+def test_a_scenario_may_have_a_world(write, mark):
+    scenario, world = find_in_world(write("own.toml", mark + SCENARIO + WORLD))
     assert world.mu == 0.2
     assert world.mu_patches == (Patch((0, 0, 9, 9), 0.1),)
     assert world.sensor == Sensor(rate_hz=30.0)

@@ -57,7 +57,7 @@ def test_shielded_robots_neither_touch_nor_leave_the_board(case):
     if case == "corner":
         scenario, limit_s = CORNER, 150.0
     config, fmu = SimulationOptions(shield=True, through=True, time_limit=limit_s).prepare(
-        scenario.robot_diameter_m, world=world
+        scenario.diameter_m, world=world
     )
     starts = tuple(cells[0] for cells in scenario.starts)
     tasks = []

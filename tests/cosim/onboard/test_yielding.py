@@ -100,7 +100,7 @@ def test_robots_that_would_collide_do_not_with_the_shield(motor_fmu, shield):
     assert (system.conflicts > 0) == shield
     if shield:
         assert outcome != "collision"
-        assert system.measures.min_distance_m > FACING.robot_diameter_m
+        assert system.measures.min_distance_m > FACING.diameter_m
     else:
         assert outcome == "collision"
 
@@ -112,7 +112,7 @@ def test_the_monitor_alone_keeps_robots_apart(motor_fmu, monkeypatch):
     system, outcome = drive(motor_fmu, CoSimConfig(shield=SHIELD, timing=timing), HeadOn())
     assert outcome == "timeout"
     assert system.episode.shield_stops >= 2
-    assert system.measures.min_distance_m > FACING.robot_diameter_m
+    assert system.measures.min_distance_m > FACING.diameter_m
 
 
 def test_what_the_shield_cannot_go_with_is_refused():

@@ -258,7 +258,7 @@ def test_robots_that_go_on_push_but_never_overlap(collision_course, motor_fmu):
 
 def test_robots_touch_within_a_long_control_period(motor_fmu):
     """Two robots that close 1 cm at 0.9 m/s, on ice, in the first of the periods of 20 ms."""
-    usual = CoSimConfig().with_overrides(mu=0.0, noise=0.0)
+    usual = CoSimConfig().having("given", mu=0.0, relative_amplitude=0.0)
     timing = usual.timing._replace(control_period_s=0.02, rl_step_s=0.04, burst_s=0.02)
     config = replace(
         usual, timing=timing, noise=usual.noise._replace(hold_s=0.02), on_collision="continue"

@@ -22,6 +22,7 @@ from cosim.recording.levels import with_bursts
 from cosim.simulation.cosimulation import CoSimulation, run_episode
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import PROMPT_RL_STEP_S, DecisionOptions
+from cosim.simulation.simulate import simulate
 
 SHORT = Scenario("short", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 EAST, NORTH, SOUTH = 0, 2, 6
@@ -281,6 +282,24 @@ def test_hopping_speed_is_refused():
     steering = CoSimConfig().steering._replace(forward_speed_rad_s=1200.0)
     with pytest.raises(ConfigError, match="would make the robot hop"):
         CoSimConfig(steering=steering)
+
+
+@pytest.mark.parametrize("speed", [1160.0, -1e5])
+def test_policies_that_command_hopping_are_refused(motor_fmu, speed):
+    class Fast:
+        interval_s = 0.1
+
+        def drive(self, motion):
+            return np.full((len(motion.poses), 2), speed)
+
+    with pytest.raises(UserError, match=f"commands .* {abs(speed):g} rad/s, which would .* hop"):
+        simulate("1a", Fast(), motor_fmu=motor_fmu, record="summary", progress=None)
+
+
+def test_a_payload_that_tips_the_robot_over_is_refused():
+    World(payload_g=20.0, payload_offset_mm=(10.0, 0.0))
+    with pytest.raises(ConfigError, match=r"payload_g = 300 .* 15\.0 mm from the robot's axis"):
+        CoSimConfig().in_world(World(payload_g=300.0, payload_offset_mm=(20.0, 0.0)))
 
 
 @pytest.mark.parametrize("name", ["1a", "3"])

@@ -50,6 +50,13 @@ def test_a_scenario_is_refused_before_anything_is_measured(tmp_path):
         resolve(SimulationOptions(motor_fmu=tmp_path / "missing.fmu"), "2", require=refuse)
 
 
+def test_a_time_limit_is_the_end_of_an_rl_step():
+    with pytest.raises(ConfigError, match=r"time_limit = 5 s is not a whole multiple of rl_step_s"):
+        SimulationOptions(time_limit=5.0).config()
+    config = SimulationOptions(time_limit=5.0, through=True).config()
+    assert config.timing.episode_limit_s == 5.0
+
+
 @pytest.mark.parametrize("shield", [True, "yes", 1.0])
 def test_a_shield_is_a_record_or_none(shield):
     with pytest.raises(ConfigError, match="shield = "):
