@@ -112,7 +112,8 @@ def test_an_estimate_is_the_textbooks_of_the_frames_that_have_arrived(sensor):
     taken = [math.ceil(k * (1.0 / (sensor.rate_hz * PERIOD_S))) for k in range(60)]
     delay = round(sensor.delay_ms)
     poses = np.array([0.1, 0.2, 3.0]) + np.cumsum(rng.normal(size=(periods, 3)) * 1e-4, axis=0)
-    commanded, speed, driven, still_s = np.zeros((periods + 1, 4)), 0.0, False, math.inf
+    commanded, still_s = np.zeros((periods + 1, 4)), math.inf
+    speed, yaw_rate, driven = 0.0, 0.0, False
     known = Textbook(poses[0], noise)
     reference, arrived = commanded[0], 0
     for now in range(periods):

@@ -132,14 +132,19 @@ def test_trails_grow_with_the_time(rl_step_s):
             time_s = 1e-3 * (number * periods + np.arange(1, periods + 1))
             position = np.full((periods, 2, 3), 0.05)
             position[:, 0, 0] += 1e-3 * time_s
-            recorder.write(
-                Step(
-                    *(number, 100 * number * periods, seen, seen, np.array([0, 4])),
-                    *(*np.zeros((2, 2), dtype=bool), samples._replace(position=position)),
-                    *(RawSamples(*new_raw_samples(0, 2)), np.zeros(2), Outcome.RUNNING, rl_step_s),
-                    *(np.zeros(2), (0, 1), np.empty((0, 2, 7))),
-                )
+            no = np.zeros(2, dtype=bool)
+            found = samples._replace(position=position)
+            raw = RawSamples(*new_raw_samples(0, 2))
+            begin, action = 100 * number * periods, np.array([0, 4])
+            ended = (
+                np.zeros(2),
+                Outcome.RUNNING,
+                rl_step_s,
+                np.zeros(2),
+                (0, 1),
+                np.empty((0, 2, 7)),
             )
+            recorder.write(Step(number, begin, seen, seen, action, no, no, found, raw, *ended))
     for chunk in kept.chunks:
         batch = chunk.to_record_batch()
         if chunk.entity_path == "/world/r1/trail" and not chunk.is_static:
@@ -402,7 +407,7 @@ def test_rows_between_two_flushes_are_one_chunk(tmp_path):
     time_s = np.arange(0.0, 6.0)
     with Recording(path, "test", episode_blueprint(1, SCENARIO.size_m)) as file:
         for block in (time_s[:1], time_s[1:3], time_s[3:]):
-            file.columns(entity, simulated(block, block.astype(int)), scalars(2.0 * block))
+            file.columns(entity, simulated(block, block.astype(int).tolist()), scalars(2.0 * block))
     (chunk,) = (c for c in RrdReader(str(path)).stream() if c.entity_path == entity)
     assert np.array_equal(chunk.to_record_batch().column("rl_step").to_numpy(), time_s)
     found_s, values = rows(path, entity)
