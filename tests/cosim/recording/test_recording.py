@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from cosim.coupling.assembly import SpeedNoise
 from cosim.coupling.fmu import FmuError
 from cosim.coupling.rl_step import Decision
 from cosim.coupling.signals import RawSamples, Samples
@@ -322,8 +323,8 @@ def test_failing_fmu_leaves_a_readable_recording(motor_fmu, tmp_path, monkeypatc
     ):
         step = system.advance(np.array([SOUTH, NORTH]))
         recorder.write(step, Decision(step.action, np.zeros((2, 8))))
-        broken = lambda *arguments: np.full((arguments[2], 2, 2), np.nan)  # noqa: E731
-        monkeypatch.setattr("cosim.simulation.batch.draw_noise", broken)
+        broken = lambda _, periods: np.full((periods, 2, 2), np.nan)  # noqa: E731
+        monkeypatch.setattr(SpeedNoise, "draw", broken)
         system.advance(np.array([SOUTH, NORTH]))
     assert verified(path)
     assert len(rows(path, "/sim/r1/motors/omega")[0]) == 2000
