@@ -25,6 +25,7 @@ _TAIL = 0.05  # share of the stops that the bound is extrapolated from
 RESERVE = 1.25  # assumed: over that bound, for motion that was not measured
 REST_S = 0.1
 _DRIVE_S, _CHANGE_S, _TICKS_S, _HELD_S = (0.05, 0.4), 0.2, 0.05, 0.25
+_BOUNCING_S = 10.0  # assumed: feet bounce as high as they ever do after this time at one speed
 _OPEN_LOOP = 4.0  # times as long, because these motors take as long to speed up and down
 _CORNER_M = 0.03
 _WIDTHS = 32  # directions in which a path is measured
@@ -67,7 +68,8 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
         for stop in range(ROUNDS):
             kind = rng.integers(4, size=robots)[:, None]
             trial.commands[:, MODE] = DIRECT
-            left = round(slower * rng.uniform(*_DRIVE_S) / period_s)
+            steady_s = _BOUNCING_S if config.world.restitution and stop == 0 else 0.0
+            left = round((slower * rng.uniform(*_DRIVE_S) + steady_s) / period_s)
             before = trial.bodies[PLANE].T.copy()
             while left > 0:
                 # Any two speeds; driving; turning; the largest speeds.
@@ -78,8 +80,9 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
                 for number, chosen in enumerate(choices, 1):
                     speeds = np.where(kind == number, chosen, speeds)
                 trial.commands[:, OMEGA_D], trial.commands[:, OMEGA_E] = speeds.T
-                periods = min(left, 1 + round(slower * rng.uniform(0.0, _CHANGE_S) / period_s))
-                left -= periods
+                same_s = slower * rng.uniform(0.0, _CHANGE_S) + steady_s
+                periods = min(left, 1 + round(same_s / period_s))
+                left, steady_s = left - periods, 0.0
                 if periods > 1:
                     trial.advance(periods - 1)
                 before = trial.bodies[PLANE].T.copy()

@@ -246,7 +246,7 @@ def test_a_shield_is_for_the_world_that_it_was_measured_in():
         RobotsVectorEnv(1, "1a", cosim=True, shield=True, worlds=envs.WorldRange(mu=(0.1, 0.12)))
     env = RobotsVectorEnv(1, "1a", cosim=True, shield=True)
     with pytest.raises(UserError, match="shield is measured on one floor"):
-        env.reset(options={"mu": 0.1})
+        env.reset(options={"mu": [0.1]})
     env.close()
 
 

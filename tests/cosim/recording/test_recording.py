@@ -14,6 +14,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from cosim.base.storage import StorageError
+from cosim.coupling.assembly import SpeedNoise
 from cosim.coupling.fmu import FmuError
 from cosim.coupling.rl_step import Decision, Step
 from cosim.coupling.signals import RawSamples, Samples, new_raw_samples, new_samples
@@ -268,7 +269,7 @@ def test_failing_fmu_leaves_a_readable_recording(motor_fmu, tmp_path, monkeypatc
         step = system.advance(np.array([SOUTH, NORTH]))
         recorder.write(step, Decision(step.action, np.zeros((2, 8))))
         broken = lambda _, periods: np.full((periods, 2, 2), np.nan)  # noqa: E731
-        monkeypatch.setattr("cosim.coupling.assembly.SpeedNoise.draw", broken)
+        monkeypatch.setattr(SpeedNoise, "draw", broken)
         system.advance(np.array([SOUTH, NORTH]))
     assert verified(path)
     assert len(rows(path, "/sim/r1/motors/omega")[0]) == 2000
