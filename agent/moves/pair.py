@@ -3,9 +3,9 @@
 The state is each robot's cell and the axis that it faces. What a joint move costs is the mean times
 of both robots' moves; value iteration over all states gives the least sum of both robots' times.
 Robots end their moves at different moments, which the states leave out: joint moves keep a gap of
-`GAP_M`, from one pair of cells to the next and on the way, to leave room for it. Robots whose
-targets are nearer to each other park one after the other. Values are kept as a delay over the times
-of robots that are alone, which compresses well.
+`GAP_M`, from one pair of cells to the next and on the way, to leave room for it. If targets are
+nearer to each other, robots park one after the other. Values are kept as a delay over the times of
+robots that are alone, which compresses well.
 """
 
 import itertools

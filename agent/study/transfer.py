@@ -105,7 +105,7 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MethodsReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What reports of methods have in common."""
+    """Base of reports that compare methods."""
 
     schema_version: int = 1
     seed: int | None

@@ -210,6 +210,6 @@ def _claim(out: Path, experiment: Experiment, tasks: Sequence[RunTask]) -> None:
         with contextlib.suppress(PolicyError):
             if policy.exists() and read_policy(policy, ())[0] != task.config:
                 raise RunsError(
-                    f"{policy}: was trained by another version, whose results differ; choose "
+                    f"{policy}: was trained by another version with other results; choose "
                     "another --out to train again"
                 )

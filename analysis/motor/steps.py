@@ -24,7 +24,7 @@ TIME_CONSTANTS = 10.0  # of the motor, that a response lasts at least
 STEP_S = 1e-5  # of the FMU
 
 
-class Step(NamedTuple):
+class StepResponse(NamedTuple):
     """A step response from rest.
 
     Attributes:
@@ -51,7 +51,7 @@ class Step(NamedTuple):
 
 def compare_gains(
     motor: GivenMotor, proposed: MotorParams, omega_des: float, progress: Progress = silent
-) -> list[Step]:
+) -> list[StepResponse]:
     """Step the motor to a set point with several gains.
 
     Args:
@@ -80,7 +80,7 @@ def compare_gains(
         simulate = closed_loop if anti_windup else printed_loop
         omega, voltage = simulate(chosen, omega_des, count).T
         risen = rise(SAMPLE_S * np.arange(count + 1), omega, omega_des)
-        found.append(Step(K_p, K_i, anti_windup, risen, omega, voltage))
+        found.append(StepResponse(K_p, K_i, anti_windup, risen, omega, voltage))
     progress("comparing gains", len(asked), len(asked))
     return found
 
@@ -132,7 +132,7 @@ def draw(
     proposed: MotorParams,
     frequencies_rad_s: np.ndarray,
     measured: np.ndarray,
-    steps: list[Step],
+    steps: list[StepResponse],
     omega_des: float,
 ) -> Figure:
     """Bode plots of the open and the closed loop, and step responses.

@@ -185,7 +185,7 @@ def _dask(
 
 
 def _require_workers(client: Any, names: list[str]) -> None:
-    """Refuse a Dask cluster without workers, or without modules: it would wait for ever."""
+    """Refuse a Dask cluster without workers, or without modules: it would never end."""
 
     def missing() -> list[str]:  # sent by value, as it is of no module's names
         import importlib  # noqa: PLC0415

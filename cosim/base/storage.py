@@ -310,7 +310,7 @@ def _temporary(path: Path) -> tuple[BinaryIO, Path]:
     """A new file next to `path`, locked as long as the process lives or until it is closed."""
     while True:
         name = path.with_name(f"{_beginning(path)}{secrets.token_hex(4)}{path.suffix}")
-        try:  # without tempfile, whose files other users may not read whatever the umask is
+        try:  # not by tempfile: other users may not read its files under any umask
             handle = os.open(name, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
         except FileExistsError:
             continue

@@ -117,6 +117,6 @@ def test_the_seed_is_that_of_everything_random():
     """Training, starts and noise: each command that draws gets the seed as each of its seeds."""
     for result in RESULTS.values():
         settings = stages._settings(result, QUICK, 7, 1)
-        options = options_of(module_of(result.maker))(out=Path("x"), **settings)
+        options = options_of(module_of(result.maker))(out=result.location(Path("x")), **settings)
         seeds = [name for name in vars(options) if name.endswith("seed")]
         assert all(getattr(options, name) == 7 for name in seeds), (result.name, seeds)

@@ -166,7 +166,7 @@ def _path_row(path: PublishedPath | None, dithered: bool, driven: list[list[floa
 
 
 def _source(published: str, certainty: str) -> Callable[[Row], str]:
-    """Who published what is in the column `published`, and how certain it is."""
+    """Return the text of a row: the source of its published value, with its certainty."""
     form = "{source}, " + certainty
 
     def text(row: Row) -> str:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -28,7 +29,8 @@ KINDS = {"fastest": PairPolicy, "planned": GroupPolicy}
 def config(scenario, objective):
     features = ("x", "y", "h") if objective == "planned" else FEATURES[scenario.robots]
     process = ProcessConfig(features=features)
-    return PolicyConfig(scenario, process, LearningConfig(), Seed(0), MOVES, objective=objective)
+    moves = msgspec.structs.replace(MOVES, cell_m=scenario.cell_m)
+    return PolicyConfig(scenario, process, LearningConfig(), Seed(0), moves, objective=objective)
 
 
 def near(gap):

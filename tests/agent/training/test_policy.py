@@ -1,6 +1,7 @@
 """A policy acts as its tables say, and its file is refused when it should be."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -103,7 +104,7 @@ def test_missing_and_broken_files_are_refused(saved, tmp_path):
 
 def test_other_scenario_and_other_schema_are_refused(saved):
     with pytest.raises(PolicyError, match=r"trained on scenario small .* not on scenario 4"):
-        load_policy(saved, find_scenario("4"))
+        load_policy(saved, replace(find_scenario("4"), robot_diameter_m=0.02))
     rewrite(saved, lambda d: d | {"schema_version": 99})
     with pytest.raises(PolicyError, match="schema 99"):
         Policy.load(saved)

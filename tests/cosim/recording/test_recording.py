@@ -99,11 +99,11 @@ def test_a_complete_recording_leaves_no_thread(tmp_path):
 def test_a_file_that_is_being_written_is_refused(tmp_path):
     path = tmp_path / "a.rrd"
     with Recording(path, "a", None) as file:
-        file.properties("of", {"run": "first"})
+        file.properties("of", {"writer": "first"})
         with pytest.raises(StorageError, match=r"a\.rrd\.part: another run writes to it; wait"):
             Recording(path, "b", None)
         file.properties("of", {"more": "first"})
-    assert read_rrd(path).properties["of"] == {"run": "first", "more": "first"}
+    assert read_rrd(path).properties["of"] == {"writer": "first", "more": "first"}
 
 
 def test_short_rl_steps_have_no_more_bursts(motor_fmu, tmp_path):

@@ -220,7 +220,7 @@ def test_equal_seeds_give_equal_noise(motor_fmu):
 
 
 def test_starts_never_touch():
-    crowd = Scenario("crowd", "", ((0, 0), (9, 9)), (tuple((x, 0) for x in range(12)),) * 2)
+    crowd = Scenario("crowd", "", ((0, 9), (9, 9)), (tuple((x, 0) for x in range(12)),) * 2)
     rng = np.random.default_rng(0)
     for _ in range(50):
         a, b = draw_starts(crowd, rng)
