@@ -173,7 +173,7 @@ def test_plots_of_the_loop_show_its_curves():
     measured = np.array([0.9, 0.5 - 0.5j, -0.1j])
     risen = rise(np.arange(3.0), np.ones(3), 1.0)
     shapes = (np.arange(6.0).reshape(2, 3) + shift for shift in (0.0, 10.0, 20.0))
-    rows = [steps.Step(0.0, 0.0, True, risen, *shape) for shape in shapes]
+    rows = [steps.StepResponse(0.0, 0.0, True, risen, *shape) for shape in shapes]
     figure: Any = steps.draw(
         motor, proposed, np.array([10.0, 100.0, 1e3]), measured, rows, omega_des
     )
