@@ -19,6 +19,7 @@ from agent.method import method_config
 from cosim.base.storage import CACHE, PACKAGED, cache_dir
 from cosim.calibration.cache import calibrated_slower
 from cosim.calibration.shielding import with_stopping_distance
+from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD
 from cosim.model.scenario_file import find_scenario
@@ -61,9 +62,8 @@ def files(folder: Path) -> dict[str, Path]:
 
 @pytest.fixture
 def empty_cache(tmp_path, monkeypatch) -> Path:
-    fmus, kernels = cache_dir("fmus"), cache_dir("kernels")
-    cached_fmu()
-    for folder in (fmus, kernels):
+    MotorFmu(cached_fmu())  # unpacked
+    for folder in map(cache_dir, ("fmus", "kernels", "unpacked")):
         (tmp_path / folder.name).symlink_to(folder, target_is_directory=True)
     monkeypatch.setenv(CACHE, str(tmp_path))
     return tmp_path

@@ -34,7 +34,8 @@ def test_episode_says_what_was_run(episode, run_folder):
     table = CoSimConfig().table()
     assert episode.parameters.keys() == table.keys()
     for name, parameter in episode.parameters.items():
-        assert parameter._asdict() == table[name] | {"value": summary["parameters"][name]}
+        known = {"value": summary["parameters"][name], "source": parameter.source}
+        assert parameter._asdict() == table[name] | known
     assert episode.parameter("V_s_max") == TABLE_II.V_s_max
 
 

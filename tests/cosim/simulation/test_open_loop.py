@@ -9,6 +9,7 @@ import cosim
 from cosim.calibration.trial import Trial
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.model.config import ConfigError, CoSimConfig, Loop
+from cosim.model.preset import find_preset
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.simulation.options import SimulationOptions
 from tests.references.lines import drive_line
@@ -77,5 +78,5 @@ def test_runs_say_their_preset_and_what_goes_without_feedback(straight_policy):
     assert episode.parameters["preset"].value == "icra2006"
     assert episode.parameters["open_loop"].value == "motors"
     assert episode.parameter("mu") == 0.4
-    # feet and motors in proportion to the board's robots of 5 cm
-    assert episode.parameter("foot_radius_m") == pytest.approx(0.0231, abs=1e-4)
+    # feet are those of the machine, whatever the board
+    assert episode.parameter("foot_radius_m") == find_preset("icra2006").robot.foot_radius_m
