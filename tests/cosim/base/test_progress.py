@@ -1,5 +1,6 @@
 """Progress: nothing of what is quick, bars on a terminal, a line per task elsewhere."""
 
+import contextlib
 import io
 import os
 import pty
@@ -12,6 +13,7 @@ from pathlib import Path
 import nbformat
 import pytest
 from nbclient import NotebookClient
+from nbclient.exceptions import CellTimeoutError
 from rich.console import Console
 
 from cosim.base import progress as module
@@ -144,6 +146,9 @@ def test_a_notebook_has_a_widget():
     )
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(program)])
     root = {"metadata": {"path": Path(__file__).parents[3]}}
-    NotebookClient(notebook, resources=root, timeout=300, kernel_name="python3").execute()
+    for _ in range(2):  # next to other kernels a reply can be lost
+        with contextlib.suppress(CellTimeoutError):
+            NotebookClient(notebook, resources=root, timeout=120, kernel_name="python3").execute()
+            break
     kinds = {kind for output in notebook.cells[0].outputs for kind in output.get("data", {})}
     assert "application/vnd.jupyter.widget-view+json" in kinds
