@@ -94,7 +94,7 @@ static double single_time_to_standstill(const Motor *s, MotorState y, double dir
     }
 }
 
-/* One step of RK4 that stops at standstill and goes on from there: sticking or reversing. */
+/* One step of RK4 that stops at standstill and continues from there: sticking or reversing. */
 static void single_step_rk4(Motor *s, double h) {
     enum { MOST_STANDSTILLS = 4 }; /* in one step; more would be rattling about rest: it sticks */
     MotorState y = s->x;

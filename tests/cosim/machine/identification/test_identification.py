@@ -181,7 +181,7 @@ def test_usual_forms_of_a_table_are_read_alike(tmp_path, header, separator):
 
 
 def driven(heading_rad):
-    """A robot that drives and turns as it is told."""
+    """A robot that drives and turns as commanded."""
     times = np.arange(600) / 30.0
     commands = np.array(SEQUENCE)[(times / 2.0).astype(int)]
     turned = np.cumsum(commands.sum(axis=1)) * 1e-5
