@@ -43,7 +43,7 @@ class Battery:
     json: Json = False
 
 
-def named() -> dict[str, list[tuple[str, str]]]:
+def checks_by_name() -> dict[str, list[tuple[str, str]]]:
     """Files and names of the tests of every section of the page."""
     _, *sections = re.split(r"^## ", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
     return {text.partition("\n")[0]: NAME.findall(text) for text in sections}
@@ -51,7 +51,7 @@ def named() -> dict[str, list[tuple[str, str]]]:
 
 def count(report: Path) -> dict[str, Any]:
     """What pytest's report says: tests passed by section, hours simulated, tests that failed."""
-    tests = {test: SECTIONS[name] for name, some in named().items() for test in some}
+    tests = {test: SECTIONS[name] for name, some in checks_by_name().items() for test in some}
     passed: Counter[str] = Counter(dict.fromkeys(SECTIONS.values(), 0))
     hours, lost = 0.0, []
     for case in ElementTree.parse(report).iter("testcase"):
@@ -69,7 +69,7 @@ def count(report: Path) -> dict[str, Any]:
 def main() -> None:
     """Command line; see `Battery`."""
     options = parse(Battery, "python -m tests.battery")
-    tests = dict.fromkeys("::".join(test) for some in named().values() for test in some)
+    tests = dict.fromkeys("::".join(test) for some in checks_by_name().values() for test in some)
     marks = f"{MARKS} and not faults" if options.quick else MARKS
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.xml"

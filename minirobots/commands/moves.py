@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import tyro
 
 from agent.moves.worlds import RANGES, WorldRange
+from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress
-from cosim.model.config import ConfigError
 from cosim.model.scenario import Scenario
 from cosim.simulation.options import DecisionOptions, Physics
 from minirobots.options import Count, File, IsolatedOptions, Jobs, Positive, Seed, ending

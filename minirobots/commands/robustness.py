@@ -6,8 +6,9 @@ from typing import Any
 
 from agent.study.axes import AXES, Axis
 from agent.training.settings import COMPARED, Method
+from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress
-from cosim.model.config import ConfigError, require_one_of
+from cosim.model.config import require_one_of
 from cosim.model.scenario_file import ROUGH, find_scenario, read_world
 from minirobots.options import BudgetMinutes, Count, Distributed, File, Folder, Resumable, Seed
 

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from tests.battery import ROOT, SECTIONS, count, named
+from tests.battery import ROOT, SECTIONS, checks_by_name, count
 
 
 def functions_of(file: Path) -> set[str]:
@@ -11,14 +11,14 @@ def functions_of(file: Path) -> set[str]:
 
 
 def test_every_named_test_exists():
-    found = [test for some in named().values() for test in some]
+    found = [test for some in checks_by_name().values() for test in some]
     assert len(found) > 40
     assert [(file, name) for file, name in found if name not in functions_of(ROOT / file)] == []
-    assert {section for section, some in named().items() if some} == set(SECTIONS)
+    assert {section for section, some in checks_by_name().items() if some} == set(SECTIONS)
 
 
 def test_every_test_of_this_folder_is_named():
-    found = {test for some in named().values() for test in some}
+    found = {test for some in checks_by_name().values() for test in some}
     here = sorted(Path(__file__).parent.glob("test_*.py"))
     own = {
         (str(p.relative_to(ROOT)), t) for p in here if p != Path(__file__) for t in functions_of(p)
