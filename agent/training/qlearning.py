@@ -65,7 +65,7 @@ def best_of_sum(q: np.ndarray, i: int, s: np.uint64) -> int:
 
 
 @inlined
-def book(
+def log_episode(
     learning: Learning,
     curve: np.ndarray,
     episode: int,
@@ -200,7 +200,7 @@ def _run_episodes(
                 # --8<-- [end:update]
         agent_steps += moves
         path_cells = (moves - diagonal_moves) + SQRT_2 * diagonal_moves
-        book(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)
+        log_episode(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)
     return agent_steps
 
 
