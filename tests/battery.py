@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from cosim.base.command import Json, parse, print_json
 from cosim.base.errors import run_command
+from minirobots.runner import parse, print_json
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "reliability.md"
@@ -40,7 +40,6 @@ class Battery:
 
     quick: bool = False
     """Without the tests marked faults."""
-    json: Json = False
 
 
 def named() -> dict[str, list[tuple[str, str]]]:
@@ -68,7 +67,8 @@ def count(report: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Command line; see `Battery`."""
-    options = parse(Battery, "python -m tests.battery")
+    line = parse(Battery, "python -m tests.battery")
+    options = line.options
     tests = dict.fromkeys("::".join(test) for some in named().values() for test in some)
     marks = f"{MARKS} and not faults" if options.quick else MARKS
     with tempfile.TemporaryDirectory() as folder:
@@ -81,7 +81,7 @@ def main() -> None:
     print(f"long runs: {found['long_runs']}, {found['hours_run']:g} simulated hours")
     print(f"the same again: {found['same_again']}")
     print(f"lost: {', '.join(found['lost']) or 'nothing'}")
-    if options.json:
+    if line.json:
         print_json(found)
     if found["lost"]:
         sys.exit(1)
