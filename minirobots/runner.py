@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar
+from typing import Annotated, Any, Generic, Self, TypeVar
 
 import msgspec
 import tyro
@@ -19,7 +19,7 @@ import tyro
 from cosim.base.command import Checked
 from cosim.base.errors import UserError, run_command
 from cosim.base.progress import Progress, progress_bars
-from cosim.base.storage import alone_in, new_folder
+from cosim.base.storage import lock_folder, new_folder
 from cosim.fmi.isolation import isolate
 from minirobots.commands import class_of
 
@@ -66,7 +66,7 @@ class Command(Checked, ABC):
         kept: what is printed after Ctrl-C.
     """
 
-    kept: ClassVar[str] = ""
+    kept = ""
 
     @classmethod
     def defaults(cls, _arguments: list[str]) -> Self | None:
@@ -94,7 +94,7 @@ class Command(Checked, ABC):
         new = given is None or not given.exists()
         out = given or new_folder(Path("runs") / f"{subject}-{datetime.now():%Y%m%d-%H%M%S}")
         try:
-            with alone_in(out):
+            with lock_folder(out):
                 yield replace(self, out=out)
         finally:
             if new:

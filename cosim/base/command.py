@@ -11,7 +11,7 @@ from typing import Annotated
 import tyro
 from msgspec import Meta
 
-from cosim.base.arguments import MAX_SEED, take_fields
+from cosim.base.arguments import MAX_SEED, validate_fields
 from cosim.base.errors import UserError
 
 _LARGEST = 1e12
@@ -22,7 +22,7 @@ class Checked:
     """Base of records of options: the types, with their limits, are checked when one is made."""
 
     def __post_init__(self) -> None:
-        take_fields(self)
+        validate_fields(self)
 
 
 Count = Annotated[int, Meta(ge=1, le=MAX_SEED - 1)]

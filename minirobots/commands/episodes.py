@@ -4,13 +4,14 @@ import math
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 import tyro
 
 from agent.training.settings import COMPUTED, Method
+from cosim.base.arguments import ConfigError
 from cosim.base.command import (
     Count,
     File,
@@ -24,7 +25,6 @@ from cosim.base.command import (
 )
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress, under_way
-from cosim.model.config import ConfigError
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.live import DEFAULT_VIEWER
 from cosim.simulation.options import Physics, SimulationOptions, resolve
@@ -51,7 +51,7 @@ class Run(Command):
     boards; Rerun keeps and shows every signal.
     """
 
-    kept: ClassVar[str] = "results so far are in {out}/"
+    kept = "results so far are in {out}/"
 
     scenario: ScenarioName = "2"
     out: NewFolder = None

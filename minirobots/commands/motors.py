@@ -11,7 +11,7 @@ import tyro
 from msgspec import Meta
 
 from analysis.motor.loop_options import StepTest
-from cosim.base.arguments import named_once
+from cosim.base.arguments import validate_unique
 from cosim.base.command import (
     File,
     Folder,
@@ -59,11 +59,11 @@ class MotorTest(Command):
 
     def run(self, progress: Progress) -> Output:
         from analysis.motor.step_test import record
-        from cosim.base.storage import named
+        from cosim.base.storage import require_suffix
         from fmus.build import cached_fmu
 
         fmu = self.motor_fmu or cached_fmu("VibrationMotor")
-        record(named(self.out, ".rrd"), fmu, self.test)
+        record(require_suffix(self.out, ".rrd"), fmu, self.test)
         return Output({"out": str(self.out)})
 
 
@@ -100,7 +100,7 @@ class MotorLoop(Command):
 
         use_style()
         fmu = MotorFmu(self.motor_fmu or cached_fmu("VibrationMotor"))
-        at_hand = GivenMotor.of(fmu, named_once("motor_parameters", self.motor_parameters))
+        at_hand = GivenMotor.of(fmu, validate_unique("motor_parameters", self.motor_parameters))
         motor = at_hand.params
         omega_des = theory.step_speed(motor, self.omega_des)
         proposed, limit = theory.propose(motor, omega_des)
@@ -227,10 +227,10 @@ class MovePlatform(Command):
     mu: Friction = None
 
     def run(self, progress: Progress) -> Output:
-        from cosim.base.storage import named
+        from cosim.base.storage import require_suffix
         from cosim.machine.platform.result import move_platforms
 
-        out, preset = named(self.out, ".npz"), find_preset(self.preset)
+        out, preset = require_suffix(self.out, ".npz"), find_preset(self.preset)
         robot = preset.robot if self.mu is None else preset.robot._replace(mu=self.mu)
         result = move_platforms(self.cycles, self.omega, robot, preset.motor)
         result.save(out)
@@ -384,7 +384,7 @@ class IdentifyRobot(Command):
             raise UserError("name a track to identify a robot from, or --excite FILE.csv")
 
     def run(self, progress: Progress) -> Output:
-        from cosim.base.storage import named
+        from cosim.base.storage import require_suffix
         from cosim.base.table import show_texts
         from cosim.machine.identification.result import HEADER, identify, table, write
         from cosim.machine.identification.track import (
@@ -397,7 +397,7 @@ class IdentifyRobot(Command):
         from cosim.simulation.options import Physics
 
         if self.excite is not None:
-            write_excitation(named(self.excite, ".csv"))
+            write_excitation(require_suffix(self.excite, ".csv"))
             duration_s = len(SEQUENCE) * HOLD_S
             return Output(
                 {"excitation": str(self.excite), "duration_s": duration_s},

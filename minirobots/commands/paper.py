@@ -4,7 +4,6 @@ import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
 
 import tyro
 
@@ -84,7 +83,7 @@ class Reproduce(Command):
     DIR/results/timings.json.
     """
 
-    kept: ClassVar[str] = RESUMES
+    kept = RESUMES
 
     out: Folder = Path("runs/reproduction")
     """Folder to write to."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, Self
 
 import tyro
 
@@ -13,7 +13,7 @@ from agent.mdp.config import ProcessConfig
 from agent.moves.worlds import RANGES, WorldRange
 from agent.study.axes import AXES, Axis
 from agent.training.settings import COMPARED, FACTS, LearningConfig, Method, read_settings
-from cosim.base.arguments import require_one_of, taken
+from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.command import (
     BudgetMinutes,
     Count,
@@ -31,7 +31,6 @@ from cosim.base.errors import UserError, in_shell
 from cosim.base.jobs import PROCESSES, THREADS, Where
 from cosim.base.progress import Progress
 from cosim.model.built_in import PAPER
-from cosim.model.config import ConfigError
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import ROUGH, find_scenario, read_world
 from cosim.simulation.options import DecisionOptions, Physics, SimulationOptions
@@ -64,7 +63,7 @@ class Train(Command):
     interrupt, and the results are bit-identical to those of a command that was not interrupted.
     """
 
-    kept: ClassVar[str] = RESUMES
+    kept = RESUMES
 
     scenario: ScenarioName = "4"
     out: NewFolder = None
@@ -222,7 +221,7 @@ class Study(Command):
     results. Policies and calibrations that are missing are made first.
     """
 
-    kept: ClassVar[str] = "episodes so far are kept; the same command continues"
+    kept = "episodes so far are kept; the same command continues"
 
     file: Annotated[Path, tyro.conf.Positional]
     """Study (.toml)."""
@@ -241,7 +240,9 @@ class Study(Command):
 
         require_one_of("quantity", self.quantity, QUANTITIES)
         arguments = read_study(self.file)
-        out = self.out or taken("out", arguments.get("out", Path("runs") / self.file.stem), Path)
+        out = self.out or validate_argument(
+            "out", arguments.get("out", Path("runs") / self.file.stem), Path
+        )
         work = {"out": out, "budget_minutes": self.budget_minutes, "progress": progress}
         table = study(**{**arguments, **vars(self.where), **work})
         if self.quantity != "success":
@@ -257,7 +258,7 @@ class Study(Command):
 class Comparison(Command):
     """Options of a comparison of methods."""
 
-    kept: ClassVar[str] = RESUMES
+    kept = RESUMES
 
     quick: bool = False
     """Short trial: two episodes in every row, instead of 50, 200 or all starts."""
@@ -318,7 +319,7 @@ class Robustness(Comparison):
     """Built-in scenario or a scenario file (.toml)."""
     world: File = ROUGH
     """World with all deviations (.toml with a table [world]), by default that of
-    docs/robustness.md."""
+    docs/methods.md."""
     axes: tuple[Axis, ...] = AXES
     """Deviations from the ideal to measure, one at a time, and everything."""
 
@@ -400,7 +401,7 @@ class ObserveMoves(Command):
     worlds: bool = False
     """Let every walk drive in a world of its own, drawn from the ranges below."""
     ranges: Annotated[WorldRange, tyro.conf.arg(name="worlds")] = RANGES
-    """Ranges that worlds are drawn from uniformly, see docs/robustness.md."""
+    """Ranges that worlds are drawn from uniformly, see docs/methods.md."""
     cell: Annotated[Positive, tyro.conf.arg(metavar="M")] = Scenario.cell_m
     """Edge of a cell in m, that of the scenario to train in."""
     seed: Seed = 0
@@ -421,10 +422,10 @@ class ObserveMoves(Command):
         from agent.moves.model import require_rl_step
         from agent.moves.observe import facts_of, move_rows, observe_moves
         from agent.moves.worlds import checked_ranges
-        from cosim.base.storage import named
+        from cosim.base.storage import require_suffix
         from cosim.base.table import show_texts
 
-        out, jobs = named(self.out, ".json"), workers(self.jobs)
+        out, jobs = require_suffix(self.out, ".json"), workers(self.jobs)
         config, fmu = self.physics.prepare(progress=progress)
         config = self.deciding.deciding(config)
         require_rl_step(config.timing.rl_step_s)
@@ -456,7 +457,7 @@ class Experiments(Command):
     the figures with `minirobots figures`.
     """
 
-    kept: ClassVar[str] = RESUMES
+    kept = RESUMES
 
     experiment: Annotated[Name, tyro.conf.Positional]
     """Experiment to run."""

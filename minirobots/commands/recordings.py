@@ -109,9 +109,9 @@ class Screenshot(Command):
 
     def run(self, progress: Progress) -> Output:
         from analysis.viewer import screenshot, shrink
-        from cosim.base.storage import named
+        from cosim.base.storage import require_suffix
 
-        out = named(self.out, ".png")
+        out = require_suffix(self.out, ".png")
         with under_way(progress, "drawing in the viewer"):
             report = screenshot(self.recording, out, self.time, self.tab)
             shrink(out, self.width)
@@ -146,11 +146,11 @@ class Export(Command):
 
     def run(self, progress: Progress) -> Output:
         from analysis.export import chosen, export
-        from cosim.base.storage import named
+        from cosim.base.storage import require_suffix
         from cosim.recording.reader import read_episode
 
         suffix = f".{self.to}"
-        out = named(self.out or self.recording.with_suffix(suffix), suffix)
+        out = require_suffix(self.out or self.recording.with_suffix(suffix), suffix)
         with under_way(progress, "reading"):
             episode = read_episode(self.recording)
         episode = chosen(episode, self.signals, self.rate)
