@@ -337,7 +337,7 @@ class Robustness(Comparison):
         from agent.study.transfer import OF_WORLDS, robustness
         from cosim.base.table import show
 
-        report = robustness(**vars(self) | {"world": read_world(self.world)}, progress=progress)
+        report = robustness(**{**vars(self), "world": read_world(self.world)}, progress=progress)
         table = partial(show, OF_WORLDS, report.rows, names=5)
         files = f"table in {self.out}/: robustness.json, robustness.md, robustness.png"
         return Output(report, table, files)
