@@ -11,17 +11,8 @@ import numpy as np
 import tyro
 
 from agent.training.settings import COMPUTED, Method
+from cosim.base import command as opt
 from cosim.base.arguments import ConfigError
-from cosim.base.command import (
-    Count,
-    File,
-    Jobs,
-    MotorFmuFile,
-    NewFolder,
-    NotNegative,
-    ScenarioName,
-    workers,
-)
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress, under_way
 from cosim.model.scenario_file import find_scenario
@@ -52,9 +43,9 @@ class Run(Command):
 
     kept = "results so far are in {out}/"
 
-    scenario: ScenarioName = "2"
-    out: NewFolder = None
-    episodes: Count = 1
+    scenario: opt.ScenarioName = "2"
+    out: opt.NewFolder = None
+    episodes: opt.Count = 1
     """Episodes to co-simulate, each from start cells drawn with the seed."""
     method: Method | None = None
     """How agents learn: on the grid as in Section V (paper, the default for one robot or two on up
@@ -63,13 +54,13 @@ class Run(Command):
     joint paths that are optimal on the grid by length (shortest), of one or two the least time on
     observed moves (fastest; two with --through), of up to eight paths in space and time, which they
     plan while they drive (planned, the default for three to eight)."""
-    train_episodes: Count | None = None
+    train_episodes: opt.Count | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), and 1 500 000 on moves."""
-    train_seed: NotNegative | None = None
+    train_seed: opt.NotNegative | None = None
     """Seed of training: by default 0, so that every --seed uses the same policy, trained once."""
     again: Annotated[bool, tyro.conf.arg(aliases=["--retrain"])] = False
     """Train even if the cache has a policy of this configuration."""
-    policy: File | None = None
+    policy: opt.File | None = None
     """Trained policy to use instead of training: a file (policy.npz)."""
     no_record: bool = False
     """Short for --record none."""
@@ -79,7 +70,7 @@ class Run(Command):
     """Open a Rerun viewer on this machine and send it the recorded data."""
     viewer: Annotated[str, tyro.conf.arg(metavar="URL")] = DEFAULT_VIEWER
     """Address of the viewer for --live and --spawn."""
-    jobs: Jobs = -1
+    jobs: opt.Jobs = -1
     physics: Annotated[EpisodeOptions, tyro.conf.OmitArgPrefixes] = field(
         default_factory=EpisodeOptions
     )
@@ -130,7 +121,7 @@ class Run(Command):
         from cosim.simulation.tasks import compile_kernels
         from fmus.build import identity_of_fmu
 
-        out, threads, record = self.out, workers(self.jobs), self.physics.record
+        out, threads, record = self.out, opt.workers(self.jobs), self.physics.record
         assert out is not None
         written = 0 if record == "none" else self.episodes
         if more := sorted((out / "episodes").glob("ep_*.rrd"))[written:]:
@@ -228,9 +219,9 @@ class Replay(Command):
 
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING.rrd")]
     """Recording of an episode."""
-    policy: File | None = None
+    policy: opt.File | None = None
     """Policy of the run; by default policy.npz in the folder above that of the recording."""
-    motor_fmu: MotorFmuFile = None
+    motor_fmu: opt.MotorFmuFile = None
 
     def run(self, progress: Progress) -> Output:
         from agent.policies import load_policy
