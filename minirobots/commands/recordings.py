@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from cosim.base.command import File
+from cosim.base import command as opt
 from cosim.base.progress import Progress, under_way
 from minirobots.runner import Command, Output
 
@@ -98,7 +98,7 @@ class Screenshot(Command):
 
     recording: tyro.conf.Positional[Path]
     """Recording to open (.rrd)."""
-    out: File = Path("screenshot.png")
+    out: opt.File = Path("screenshot.png")
     """Picture to write (.png)."""
     width: Annotated[int, tyro.conf.arg(metavar="PX")] = 1280
     """Width of the picture in pixels."""
@@ -135,7 +135,7 @@ class Export(Command):
     """Recording of an episode (.rrd or .rrd.part)."""
     to: Literal["parquet", "csv"]
     """Format to write."""
-    out: File | None = None
+    out: opt.File | None = None
     """File to write; by default next to the recording, with its name."""
     signals: tuple[str, ...] = ()
     """Signals and states to write, by name or pattern, such as r1/motors/omega or 'r1/*'; all by
