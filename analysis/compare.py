@@ -13,22 +13,12 @@ from matplotlib.figure import Figure
 from analysis.figures.fig05 import draw_board, robot_colour
 from cosim.base.plotting import styled
 from cosim.recording.reader import Episode, read_episode
+from cosim.recording.rrd import RecordingData
 
+Recorded = Episode | RecordingData
 _NONE = (np.empty(0), np.empty(0))
 _STYLES = ("-", "--")  # of the first episode and of the second
 _CURVES = 3  # signals that are drawn, at most
-
-
-class Difference(msgspec.Struct, frozen=True):
-    """Place where a signal first differs.
-
-    Attributes:
-        signal: entity path in the recording.
-        time_s: simulated time of the first sample that differs; None if one of them lacks samples.
-    """
-
-    signal: str
-    time_s: float | None
 
 
 class Comparison(msgspec.Struct, frozen=True):
@@ -40,7 +30,8 @@ class Comparison(msgspec.Struct, frozen=True):
         outcomes, times_s: how and when each ended.
         facts, parameters: values of both, by the name of what differs.
         signals, values: that were compared, states and log lines among them.
-        differences: signals that are not equal in every bit, the earliest first.
+        differences: time from which on signals differ in a bit, the earliest first; None where
+            one of them lacks samples.
     """
 
     recordings: tuple[str, str]
@@ -51,7 +42,7 @@ class Comparison(msgspec.Struct, frozen=True):
     parameters: dict[str, tuple[Any, Any]]
     signals: int
     values: int
-    differences: tuple[Difference, ...]
+    differences: dict[str, float | None]
 
 
 def compare(a: Episode | Path | str, b: Episode | Path | str) -> Comparison:
@@ -64,17 +55,7 @@ def compare(a: Episode | Path | str, b: Episode | Path | str) -> Comparison:
         FileError: a file holds no episode.
     """
     a, b = (e if isinstance(e, Episode) else read_episode(Path(e)) for e in (a, b))
-    series = [_series(episode) for episode in (a, b)]
-    names = sorted(set(series[0]) | set(series[1]))
-    differences = []
-    for name in names:
-        was, now = (found.get(name, _NONE) for found in series)
-        if not a.complete:
-            now = tuple(part[: len(was[0])] for part in now)
-        at = _first_difference(was, now)
-        if at is not None:
-            time_s = float(was[0][at]) if at < min(len(was[0]), len(now[0])) else None
-            differences.append(Difference(name, time_s))
+    series = [series_of(episode) for episode in (a, b)]
     parameters = [{n: p.value for n, p in e.parameters.items()} for e in (a, b)]
     return Comparison(
         recordings=(a.origin, b.origin),
@@ -83,25 +64,37 @@ def compare(a: Episode | Path | str, b: Episode | Path | str) -> Comparison:
         times_s=(a.time_s, b.time_s),
         facts=_changed(a.facts, b.facts),
         parameters=_changed(*parameters),
-        signals=len(names),
+        signals=len(series[0] | series[1]),
         values=sum(part[1].size for part in series[0].values()),
-        differences=tuple(sorted(differences, key=_earliest)),
+        differences=find_differences(a, b),
     )
 
 
-def _earliest(difference: Difference) -> tuple[float, str]:
-    return (math.inf if difference.time_s is None else difference.time_s, difference.signal)
+def find_differences(a: Recorded, b: Recorded) -> dict[str, float | None]:
+    """Return the time from which on signals and states differ, the earliest first.
+
+    Of an episode `a` that is not complete the samples that it has are compared.
+    """
+    series, found = [series_of(episode) for episode in (a, b)], {}
+    for name in sorted(series[0] | series[1]):
+        was, now = (signals.get(name, _NONE) for signals in series)
+        if not a.complete:
+            now = tuple(part[: len(was[0])] for part in now)
+        at = _first_difference(was, now)
+        if at is not None:
+            found[name] = float(was[0][at]) if at < min(len(was[0]), len(now[0])) else None
+    return dict(sorted(found.items(), key=lambda row: math.inf if row[1] is None else row[1]))
+
+
+def series_of(episode: Recorded) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return times and values of all signals and states, by name."""
+    found = {name: (signal.time_s, signal.values) for name, signal in episode.signals.items()}
+    return found | {name: (t.time_s, np.array(t.texts)) for name, t in episode.texts.items()}
 
 
 def _changed(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
     names = sorted(a.keys() | b.keys())
     return {n: (a.get(n), b.get(n)) for n in names if a.get(n) != b.get(n)}
-
-
-def _series(episode: Episode) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Times and values of all signals and texts."""
-    found = {name: (signal.time_s, signal.values) for name, signal in episode.signals.items()}
-    return found | {name: (t.time_s, np.array(t.texts)) for name, t in episode.texts.items()}
 
 
 def _first_difference(was: tuple[np.ndarray, ...], now: tuple[np.ndarray, ...]) -> int | None:
@@ -127,8 +120,8 @@ def draw(a: Episode, b: Episode, compared: Comparison) -> Figure:
         a, b: the episodes; the first one's lines are solid, the second one's dashed.
         compared: of them.
     """
-    parted = [d for d in compared.differences if d.time_s is not None and d.signal in a.signals]
-    curves = [d.signal for d in parted if d.signal.startswith("/sim/")][:_CURVES]
+    parted = [n for n, time_s in compared.differences.items() if time_s is not None]
+    curves = [name for name in parted if name.startswith("/sim/")][:_CURVES]
     figure = plt.figure(figsize=(10.0, 4.8))
     board, *plots = figure.subplot_mosaic(
         [["board", f"curve {row}"] for row in range(max(1, len(curves)))], width_ratios=(1, 1.2)

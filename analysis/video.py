@@ -7,6 +7,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
@@ -72,12 +73,13 @@ def _writer(out: Path) -> FFMpegWriter | PillowWriter:
     return FFMpegWriter(fps=FRAMES_PER_S, extra_args=["-pix_fmt", "yuv420p", "-f", "mp4"])
 
 
-def _robot(axes: plt.Axes, episode: Episode, number: int) -> Callable[[float], None]:
+def _robot(axes: Axes, episode: Episode, number: int) -> Callable[[float], None]:
     """Draw a robot on the board; the function moves it to where it is at a time."""
     robot, colour = episode.robots[number], robot_colour(number)
     position, heading = (episode.signals[f"{robot}/{name}"] for name in ("position", "heading"))
     radius = 50.0 * episode.parameter("diameter_m")
-    disc = axes.add_patch(Circle((0.0, 0.0), radius, facecolor=colour, alpha=0.5))
+    disc = Circle((0.0, 0.0), radius, facecolor=colour, alpha=0.5)
+    axes.add_patch(disc)
     nose, trail = (axes.add_line(Line2D([], [], color=c)) for c in ("black", colour))
 
     def move(time_s: float) -> None:
@@ -85,7 +87,7 @@ def _robot(axes: plt.Axes, episode: Episode, number: int) -> Callable[[float], N
         path = 100.0 * position.values[max(0, first - 1) : max(1, now), :2]
         at = path[-1]
         angle = np.interp(time_s, heading.time_s, np.unwrap(heading.values))
-        disc.center = tuple(at)
+        disc.set(center=at)
         ahead = at + radius * np.array((np.cos(angle), np.sin(angle)))
         nose.set_data([at[0], ahead[0]], [at[1], ahead[1]])
         trail.set_data(*path.T)

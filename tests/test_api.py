@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from minirobots.commands.run import Run, run
 
 import agent
 import analysis
@@ -22,7 +23,6 @@ from cosim.base.progress import silent
 from cosim.model.config import CoSimConfig
 from cosim.simulation.options import SimulationOptions
 from fmus.build import cached_fmu
-from minirobots.commands.run import Run, run
 
 BRIEF: dict[str, Any] = {"mu": 0.2, "time_limit": 4.0}
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from minirobots.commands.reproduce import Reproduce
 
 from analysis.profiles import QUICK
 from analysis.reading.results import FIGURES, RESULTS
 from analysis.timings import Timings
 from cosim.base.errors import UserError
 from minirobots import reproduction as stages
-from minirobots.commands.reproduce import Reproduce
 from minirobots.reproduction import reproduce
 from minirobots.runner import module_of, options_of
 

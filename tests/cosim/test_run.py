@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from minirobots.commands.run import Run
 
 from agent.mdp.config import ProcessConfig
 from agent.moves import observe
@@ -22,7 +23,6 @@ from cosim.base import storage
 from cosim.base.storage import cache_dir, lock_folder
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.reader import read_episode
-from minirobots.commands.run import Run
 
 BRIEF = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
 

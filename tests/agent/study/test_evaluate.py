@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from minirobots.commands.evaluate import Evaluate
 from pyarrow import parquet
 
 from agent.evaluation.cases import Case
@@ -21,7 +22,6 @@ from cosim.model.outcome import Outcome
 from cosim.model.params import TABLE_I
 from cosim.simulation.options import SimulationOptions
 from cosim.simulation.result import EpisodeResult
-from minirobots.commands.evaluate import Evaluate
 
 RESULT = EpisodeResult(
     Outcome.SUCCESS, 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0

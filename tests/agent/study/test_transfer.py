@@ -4,6 +4,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from minirobots.commands.transfer import Transfer
 
 from agent.evaluation.cases import Case
 from agent.mdp.config import ProcessConfig
@@ -18,7 +19,6 @@ from cosim.model.config import CoSimConfig
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
 from cosim.simulation.result import EpisodeResult
-from minirobots.commands.transfer import Transfer
 
 pytestmark = pytest.mark.long  # it trains and drives
 

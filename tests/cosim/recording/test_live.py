@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from minirobots.commands.run import Run, run
 from rerun.chunk import RrdReader
 
 from cosim.base.arguments import ConfigError
@@ -19,7 +20,6 @@ from cosim.base.progress import silent
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
-from minirobots.commands.run import Run, run
 
 RERUN = Path(sys.executable).with_name("rerun")
 
