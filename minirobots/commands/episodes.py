@@ -1,13 +1,11 @@
 """Commands that simulate episodes: a run of them, and one that was recorded, again."""
 
-import math
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
-import numpy as np
 import tyro
 
 from agent.training.settings import COMPUTED, Method
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
     from agent.mdp.greedy import GreedyPolicy
     from agent.training.loop import TrainingLog
     from cosim.model.scenario import Scenario
-    from cosim.recording.rrd import RecordingData
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,6 +222,7 @@ class Replay(Command):
 
     def run(self, progress: Progress) -> Output:
         from agent.policies import load_policy
+        from analysis.compare import find_differences, series_of
         from cosim.base.provenance import versions
         from cosim.base.reading import parsing
         from cosim.coupling.rl_step import sampled_of
@@ -261,10 +259,10 @@ class Replay(Command):
         replayed = read_chunks(kept.chunks, data.recording_id)
         now = versions()
         changed = {k: (v, now.get(k, "")) for k, v in then.items() if v != now.get(k)}
-        differences = _differences(data, replayed)
-        signals, values = _series(data), sum(v.size for _, v in _series(data).values())
+        differences = find_differences(data, replayed)
+        signals, values = series_of(data), sum(v.size for _, v in series_of(data).values())
         ended = "" if data.complete else " as far as the recording goes, which is not complete"
-        count = len(signals | _series(replayed))
+        count = len(signals | series_of(replayed))
         return Output(
             {
                 "recording": str(data.path),
@@ -286,40 +284,3 @@ class Replay(Command):
             f"bit{ended}",
             failed=bool(differences),
         )
-
-
-_NONE = (np.empty(0), np.empty(0))
-
-
-def _differences(recorded: "RecordingData", replayed: "RecordingData") -> dict[str, float | None]:
-    """Return the time from which on signals differ, by name; None if one of them lacks samples."""
-    series, found = [_series(data) for data in (recorded, replayed)], {}
-    for name in sorted(series[0] | series[1]):
-        was, now = (signals.get(name, _NONE) for signals in series)
-        if not recorded.complete:
-            now = tuple(part[: len(was[0])] for part in now)
-        at = _first_difference(was, now)
-        if at is not None:
-            found[name] = float(was[0][at]) if at < min(len(was[0]), len(now[0])) else None
-    return found
-
-
-def _series(data: "RecordingData") -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Times and values of all signals and texts."""
-    found = {name: (signal.time_s, signal.values) for name, signal in data.signals.items()}
-    return found | {name: (t.time_s, np.array(t.texts)) for name, t in data.texts.items()}
-
-
-def _first_difference(was: tuple[np.ndarray, ...], now: tuple[np.ndarray, ...]) -> int | None:
-    """Index of the first sample that is not the same bits; None if all are."""
-    count = min(len(was[0]), len(now[0]))
-    equal = np.full(count, fill_value=True)
-    for a, b in zip(was, now, strict=True):
-        if a.shape[1:] != b.shape[1:]:
-            return 0
-        if a.dtype == b.dtype == np.float64:  # NaN is equal to itself, and 0 not to −0
-            a, b = (np.ascontiguousarray(part).view(np.int64) for part in (a, b))  # noqa: PLW2901
-        equal &= (a[:count] == b[:count]).reshape(count, math.prod(a.shape[1:])).all(axis=1)
-    if not equal.all():
-        return int(equal.argmin())
-    return None if len(was[0]) == len(now[0]) else count
