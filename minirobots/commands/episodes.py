@@ -14,7 +14,7 @@ from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.live import DEFAULT_VIEWER
-from cosim.simulation.options import EpisodeOptions, Physics, Setup, resolve
+from cosim.simulation.options import EpisodeOptions, Setup, resolve
 from minirobots.runner import Command, Output
 
 if TYPE_CHECKING:
@@ -193,12 +193,9 @@ class Replay(Command):
     motor_fmu: opt.MotorFmuFile = None
 
     def run(self, progress: Progress) -> Output:
-        from agent.policies import load_policy
-        from cosim.simulation.replay import replay
+        from analysis.replay import replay
 
-        path = self.policy or self.recording.absolute().parents[1] / "policy.npz"
-        fmu = Physics(motor_fmu=self.motor_fmu)
-        found = replay(self.recording, lambda board: load_policy(path, board), fmu, progress)
+        found = replay(self.recording, self.policy, self.motor_fmu, progress)
         count, differences = found["signals"], found["differences"]
         ended = "" if found["complete"] else " as far as the recording goes, which is not complete"
         return Output(
