@@ -15,7 +15,7 @@ from cosim.base import command as opt
 from cosim.base.arguments import validate_unique
 from cosim.base.errors import UserError
 from cosim.base.jobs import THREADS, Where
-from cosim.base.progress import Progress, under_way
+from cosim.base.progress import Progress
 from cosim.model.preset import PAPER, find_preset
 from cosim.simulation.options import Physics
 from fmus.compiler import TARGETS
@@ -459,8 +459,15 @@ class BuildFmus(Command):
 
     def run(self, progress: Progress) -> Output:
         if self.sources:
-            name = self.sources.resolve().name
-            return Output(_pack(self.sources, self.out / f"{name}.fmu", progress))
+            from cosim.fmi.fmu import Fmu
+            from fmus.pack import pack_sources
+
+            fmu = pack_sources(self.sources, self.out, progress)
+            variables = [(v.causality, name) for name, v in Fmu(fmu).variables.items()]
+            kinds = {
+                f"{kind}s": [n for k, n in variables if k == kind] for kind in ("input", "output")
+            }
+            return Output({"fmu": str(fmu), **kinds})
         from fmus.build import build_fmus
         from fmus.compiler import host_target
 
@@ -470,66 +477,11 @@ class BuildFmus(Command):
             targets |= dict.fromkeys(names)
         files: list[Path] = []
         for model in self.models:
-            if self.fmi is None:
-                paths: dict[Fmi, Path] = {"3": self.out / f"{model}.fmu"}
-            else:
-                wanted = [fmi for fmi in STANDARDS[model] if self.fmi in (fmi, "both")]
-                paths = {fmi: self.out / f"{model}_fmi{fmi}.fmu" for fmi in wanted}
+            paths: dict[Fmi, Path] = {
+                fmi: self.out / (f"{model}_fmi{fmi}.fmu" if self.fmi else f"{model}.fmu")
+                for fmi in STANDARDS[model]
+                if (self.fmi or "3") in (fmi, "both")
+            }
             if paths:
                 files += build_fmus(paths, list(targets), progress, model)
         return Output({"files": [str(file) for file in files]})
-
-
-def _pack(folder: Path, out: Path, progress: Progress) -> dict[str, Any]:
-    """Compile the sources of an unpacked FMU for this machine, and pack it again.
-
-    Returns:
-        The FMU, and its inputs and outputs.
-    """
-    import fmpy
-
-    from cosim.fmi.fmu import Fmu
-    from fmus.archive import write_archive
-
-    try:
-        configurations = fmpy.model_description.read_build_description(folder)
-    except Exception as error:  # fmpy raises plain Exceptions and those of XML
-        raise UserError(f"{folder}/sources/buildDescription.xml: {error}; fix it") from error
-    if not configurations or not (folder / "modelDescription.xml").is_file():
-        raise UserError(
-            f"{folder} is not an unpacked FMI 3.0 FMU with sources: it needs "
-            "modelDescription.xml and sources/buildDescription.xml"
-        )
-    files = {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and "binaries" not in path.relative_to(folder).parts[:1]
-    }
-    with under_way(progress, "compiling"):
-        for configuration in configurations:
-            files |= _library(folder, configuration)
-    write_archive(out, files)
-    variables = Fmu(out).variables.items()
-    found = {kind: [n for n, v in variables if v.causality == kind] for kind in ("input", "output")}
-    return {"fmu": str(out), "inputs": found["input"], "outputs": found["output"]}
-
-
-def _library(folder: Path, configuration: Any) -> dict[str, bytes]:
-    """Return the library of a build configuration, by its name in the archive."""
-    import fmpy
-
-    from cosim.base.storage import temporary_folder
-    from fmus.compiler import PLAIN_NAMES, SAME_BITS, compiler_command, fmi_headers, run_compiler
-
-    place = folder.absolute() / "sources"
-    name = f"{configuration.modelIdentifier}{fmpy.sharedLibraryExtension}"
-    command = [*compiler_command(), "-O2", "-shared", "-fPIC", SAME_BITS, f"-I{fmi_headers()}"]
-    command += [f"-D{PLAIN_NAMES['3']}=1", f"-I{place}"]
-    for group in configuration.sourceFileSets:
-        definitions = [d for d in group.preprocessorDefinitions if not d.optional]
-        command += [f"-D{d.name}={d.value or ''}" for d in definitions]
-        command += [f"-I{place / path}" for path in group.includeDirectories]
-        command += [str(place / path) for path in group.sourceFiles]
-    with temporary_folder() as work:
-        run_compiler([*command, "-o", name, "-lm"], Path(work), str(folder))
-        return {f"binaries/{fmpy.platform_tuple}/{name}": (Path(work) / name).read_bytes()}
