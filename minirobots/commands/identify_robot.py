@@ -54,8 +54,8 @@ def run(options: IdentifyRobot, progress: Progress) -> Iterator[Any]:
         yield {"excitation": str(options.excite), "duration_s": duration_s}
         print(f"motor speeds for {duration_s:g} s in {options.excite}")
         return
-    from cosim.base.table import show_texts
-    from cosim.machine.identification.result import HEADER, identify, table, write
+    from cosim.base.table import show
+    from cosim.machine.identification.result import COLUMNS, identify
     from cosim.machine.identification.track import read_track
     from cosim.model.preset import find_preset
     from cosim.simulation.options import Physics
@@ -66,11 +66,10 @@ def run(options: IdentifyRobot, progress: Progress) -> Iterator[Any]:
         motor_fmu=options.motor_fmu,
         motor_parameters=options.motor_parameters,
     )
-    fmu = physics.fmu(progress)
-    identified = identify(track, options.track.name, preset, physics.config(), fmu, progress)
-    write(identified, options.out)
-    yield identified.report
-    show_texts(HEADER, table(identified.report), names=2)
-    for words in identified.report.unidentifiable:
+    fmu, config, name = physics.fmu(progress), physics.config(), options.track.name
+    report = identify(track, name, preset, config, fmu, options.out, progress)
+    yield report
+    show(COLUMNS, report.parameters, names=2)
+    for words in report.unidentifiable:
         print(f"not identifiable from this track: {words}")
     print(f"results in {options.out}/: preset.toml, identification.json, report.md, tracks.svg")

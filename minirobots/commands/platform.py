@@ -38,7 +38,7 @@ class MovePlatform(CommandOptions):
 
 def run(options: MovePlatform, _: Progress) -> Iterator[Any]:
     """Move the platforms, write what they do, and print speeds and net displacements."""
-    from cosim.machine.platform.result import move_platforms
+    from cosim.machine.platform.motion import move_platforms
 
     preset = find_preset(options.preset)
     robot = preset.robot if options.mu is None else preset.robot._replace(mu=options.mu)

@@ -33,12 +33,12 @@ def run(options: Validate, progress: Progress) -> Iterator[Any]:
     """Measure missing results, and write and print the tables."""
     from cosim.base.table import show, write_report
     from cosim.machine.validation.report import tables, text_of
-    from cosim.machine.validation.validate import QUICK, Effort, validate
+    from cosim.machine.validation.validate import FULL, QUICK, validate
     from cosim.simulation.options import Physics
 
-    effort = QUICK if options.quick else Effort()
+    count = QUICK if options.quick else FULL
     fmu = Physics(motor_fmu=options.motor_fmu).fmu(progress)
-    report = validate(fmu, effort, options.seed, options.where, progress)
+    report = validate(fmu, count, options.seed, options.where, progress)
     write_report(options.out / "validation", report, text_of(report))
     yield report
     for title, columns, rows in tables(report):
