@@ -112,7 +112,6 @@ def identify(
         config: of the simulation.
         fmu: of its motors.
         out: folder.
-        progress: receives what is done.
     """
     config = with_motor(config, fmu)
     preset = preset._replace(motor=config.motor, sources=dict(config.sources))

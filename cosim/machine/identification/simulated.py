@@ -27,7 +27,6 @@ from cosim.physics.body_state import (
     standing_state,
     write_body,
 )
-from cosim.physics.contact import ContactParams
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.lanes import Width, host_lanes, load, width_of
 from cosim.physics.properties import (
@@ -293,8 +292,10 @@ def _drive(
     dt = body.dt
     share = 1.0 / ticks
     for first in range(0, bodies.shape[1], len(width)):
-        common = _shaped(body, shapes, first, width)
-        params = read_params(properties, first, width, common)
+        x, y = load(shapes, _A, first, width), load(shapes, _A + 1, first, width)
+        z, behind = load(shapes, _A + 2, first, width), load(shapes, _B, first, width)
+        feet = ((x, y, z), (behind, 0.0 * y, z), (x, -y, z))
+        params = read_params(properties, first, width, body, feet)
         y, z = load(shapes, _D, first, width), load(shapes, _D + 1, first, width)
         at_d = MotorMount(mount.m, mount.r, mount.J, mount.g, y, z, 1.0)
         at_e = MotorMount(mount.m, mount.r, mount.J, mount.g, -y, z, -1.0)
@@ -321,39 +322,6 @@ def _drive(
             if (period + 1) % every == 0:
                 for column in range(first, first + len(width)):
                     _look(bodies, properties, column, seen[(period + 1) // every])
-
-
-@inlined
-def _shaped(body: BodyParams, shapes: np.ndarray, column: int, width: Width) -> BodyParams:
-    """Return the plant that robots share, with feet of their own."""
-    x, y = load(shapes, _A, column, width), load(shapes, _A + 1, column, width)
-    z, behind = load(shapes, _A + 2, column, width), load(shapes, _B, column, width)
-    feet = body.contact
-    return BodyParams(
-        body.inverse_mass,
-        body.inertia,
-        body.inverse_inertia,
-        body.product,
-        body.inverse_product,
-        body.centre,
-        body.off_axis,
-        body.gravity,
-        body.restitution,
-        body.bounces,
-        body.dt,
-        body.inverse_dt,
-        ContactParams(
-            (x, y, z),
-            (behind, 0.0 * y, z),
-            (x, -y, z),
-            feet.mu,
-            feet.step_normal,
-            feet.step_tangential,
-            feet.spin_inertia,
-            feet.tolerance,
-            feet.max_sweeps,
-        ),
-    )
 
 
 @inlined

@@ -126,7 +126,6 @@ def validate(
         count: phases and robots.
         seed: of noise and phases on paths.
         where: backend and number of workers; the result does not depend on it.
-        progress: receives how much is measured.
     """
     configs = {
         name: with_motor(find_preset(name).config(), motor_fmu)
