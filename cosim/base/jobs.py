@@ -160,11 +160,11 @@ def _elsewhere(
     kind: JobKind[SomeJob, Row],
     where: Workers,
     may_begin: Callable[[], bool],
-) -> Iterator[tuple[SomeJob, Row]]:
+) -> Iterator[tuple[Any, Row]]:
     """Compute groups of jobs in other processes or on other machines."""
     from cosim.base.backends import sweep  # noqa: PLC0415 - joblib is slow to import
 
-    together: dict[Hashable, list[SomeJob]] = {}
+    together: dict[Hashable, list[Any]] = {}
     for job in jobs:
         together.setdefault(kind.batch(job), []).append(job)
     size = max(1, min(_GROUP, -(-len(jobs) // (_GROUPS * where.count))))
