@@ -118,7 +118,7 @@ def _local(where: Workers, work: Any) -> Iterator[Deaths]:
 
 @contextlib.contextmanager
 def _ray(where: Workers, work: Any) -> Iterator[Deaths]:
-    # workers have the project installed, as docs/cluster.md asks: below `uv run` Ray would pack it
+    # workers have the project installed, as docs/studies.md asks: below `uv run` Ray would pack it
     # and make another environment for every worker
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     try:

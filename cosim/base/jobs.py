@@ -13,7 +13,7 @@ from typing import Annotated, Any, Generic, Literal, NamedTuple, Protocol, TypeV
 import tyro
 
 from cosim.base.arguments import validate_argument, validate_fields
-from cosim.base.command import Jobs, require_at_least, workers
+from cosim.base.command import BudgetMinutes, Jobs, workers
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent, under_way
 
@@ -30,7 +30,7 @@ class Workers:
     jobs: Jobs = -1
     backend: Backend = "threads"
     """Where it is computed: threads or processes (loky) of this machine, or a Dask or Ray cluster
-    (extras); see docs/cluster.md."""
+    (extras); see docs/studies.md."""
     address: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     """Address of the cluster's head; without it Ray and Dask start on this machine."""
 
@@ -53,7 +53,8 @@ class Workers:
         return _CLUSTER if self.address is not None else workers(self.jobs)
 
 
-PROCESSES = Workers(backend="loky")
+Where = Annotated[Workers, tyro.conf.OmitArgPrefixes]  # as an option
+THREADS, PROCESSES = Workers(), Workers(backend="loky")
 
 
 SomeJob = TypeVar("SomeJob", bound=Any)  # a frozen, picklable record with the attribute `key`
@@ -100,8 +101,7 @@ def until(budget_minutes: float | None) -> Callable[[], bool]:
     Raises:
         UserError: the budget is negative or no number.
     """
-    budget_minutes = validate_argument("budget_minutes", budget_minutes, float | None)
-    require_at_least(0, budget_minutes=budget_minutes)
+    budget_minutes = validate_argument("budget_minutes", budget_minutes, BudgetMinutes)
     end = math.inf if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
     return lambda: time.monotonic() < end
 
