@@ -16,7 +16,7 @@ from analysis.report.page import write_report
 from analysis.timings import Timings
 from cosim.base.jobs import Workers
 from cosim.base.progress import Progress, silent
-from cosim.model.built_in import PAPER
+from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import SimulationOptions
 from minirobots.runner import begin, module_of, options_of
 
@@ -73,7 +73,7 @@ def _settings(result: Result, profile: Profile, seed: int, jobs: int) -> dict[st
         case "calibrate":
             return {"jobs": jobs}
         case "run":
-            alone = PAPER[result.of].robots == 1
+            alone = find_scenario(result.of).robots == 1
             return {
                 "scenario": result.of,
                 "episodes": profile.single_episodes if alone else profile.pair_episodes,

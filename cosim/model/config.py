@@ -1,13 +1,16 @@
-"""The parameters of one co-simulation together, checked against each other."""
+"""The parameters of one co-simulation together, checked against each other.
+
+Machines, worlds and options are partial trees: values and their sources by the parameters' names.
+They are merged, later ones over earlier ones, and what comes of that is validated once.
+"""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 
-from cosim.base.arguments import ConfigError, require_one_of, validate_argument
+from cosim.base.arguments import ConfigError, validate_fields
 from cosim.model.params import (
     ESTIMATOR,
     SHIELD,
@@ -26,21 +29,18 @@ from cosim.model.params import (
     TimingParams,
     describe,
     lift_off_speed,
-    resized,
 )
-from cosim.model.world import IDEAL, World
+from cosim.model.world import IDEAL, Tree, World, parameter_name
 
 OnCollision = Literal["end", "continue"]
 Loop = Literal["motors", "heading"]
 
 MAX_RATIO = 10**9  # of two periods
-MAX_VALUE = 1e9  # of a parameter in its unit
 
 # Sources of values.
 UNKNOWN, GIVEN, OF_MOTOR = "unknown", "given", "given by motor_parameters"
 _ROUNDING = 1e-9  # relative, of a period that shall be a multiple of another one
 _RECORDS = ("robot", "motor", "noise", "timing", "steering", "estimator", "shield")
-_SIGNED = ("com_x_m", "com_y_m")
 _OPTIONS = {  # without `Quantity`, by their names in `CoSimConfig.table`
     "reaction": "whether motors feel the body's acceleration",
     "portable": "whether no angle is computed by the C library",
@@ -53,6 +53,14 @@ _OPTIONS = {  # without `Quantity`, by their names in `CoSimConfig.table`
     "preset": "machine that the parameters are of",
     "shield": "whether a monitor keeps robots apart, for any policy",
 }
+
+
+class Leaf(NamedTuple):
+    """A parameter: where it is in the configuration, its value, and its unit and source."""
+
+    path: str
+    value: Any
+    quantity: Quantity
 
 
 @dataclass(frozen=True)
@@ -72,8 +80,8 @@ class CoSimConfig:
             (`cosim.physics.trig`), or are those of the C library.
         on_collision: whether a robot that touches another one or an obstacle, or enters another
             one's target cell, ends the episode or pushes on.
-        world: floor, motors, load and camera; `mu`, speed noise and obstacles are said elsewhere,
-            see `in_world`.
+        world: floor, motors, load and camera; its `mu` and speed noise are in `robot` and `noise`,
+            its obstacles in the scenario.
         through: whether a robot drives on at the end of a move until it is asked, and turns only
             for another direction (the paper's stops).
         shield: what a monitor keeps that holds robots apart, for any policy
@@ -82,7 +90,7 @@ class CoSimConfig:
         open_loop: what goes without feedback: motors get the voltage that gives their set point in
             the mean instead of the loop of Eq. (14), and robots keep no course while they drive.
         preset: name of the machine, see `cosim.model`.
-        sources: of parameters that were set, as (name, text), see `having`; UNKNOWN for one that
+        sources: of parameters that were set, as (name, text), see `merged`; UNKNOWN for one that
             the motor FMU does not expose. They do not matter for equality.
         motor_parameters: values that every motor FMU is given, by name, in addition to what differs
             between `motor` and Table II.
@@ -113,56 +121,23 @@ class CoSimConfig:
     motor_fmu: str = ""
 
     def __post_init__(self) -> None:
-        require_one_of("on_collision", self.on_collision, get_args(OnCollision))
-        for loop in self.open_loop:
-            require_one_of("open_loop", loop, get_args(Loop))
-        validate_argument("shield", self.shield, ShieldParams | None)
-        for part in _RECORDS:
-            record = getattr(self, part)
-            if record is None:
-                continue
-            if any(type(value) is not float for value in record):
-                record = type(record)(
-                    *(validate_argument(n, v, float) for n, v in record._asdict().items())
-                )
-                object.__setattr__(self, part, record)
-            for name, value in record._asdict().items():
-                if name not in _SIGNED and not 0.0 <= value <= MAX_VALUE:
-                    raise ConfigError(
-                        f"{name} = {value} must be finite and not negative, at most {MAX_VALUE:g}"
-                    )
+        validate_fields(self)
         if self.shield and "heading" in self.open_loop:
             raise ConfigError(
                 "the shield needs robots that keep their course; leave heading out of open_loop"
             )
-        for record, names in (
-            (self.robot, ("mass_kg", "diameter_m", "height_m", "com_height_m", "foot_radius_m")),
-            (self.motor, ("m", "r", "K_T", "J", "R", "g")),
-            (self.timing, ("dt_s", "communication_step_s", "control_period_s", "rl_step_s")),
-            (self.steering, ("lookahead_m", "least_lookahead_m")),
-        ):
-            for name in names:
-                if getattr(record, name) == 0.0:
-                    raise ConfigError(f"{name} must be positive")
         self._check_geometry()
-        step_s = self.timing.communication_step_s
-        whole_ratio("communication_step_s", step_s, "dt_s", self.timing.dt_s)
-        whole_ratio(
-            "control_period_s", self.timing.control_period_s, "communication_step_s", step_s
-        )
-        whole_ratio(
-            "rl_step_s", self.timing.rl_step_s, "control_period_s", self.timing.control_period_s
-        )
-        whole_ratio("hold_s", self.noise.hold_s, "control_period_s", self.timing.control_period_s)
-        limit = self.lift_off_rad_s
-        for name in (
-            "forward_speed_rad_s",
-            "backward_speed_rad_s",
-            "turn_speed_rad_s",
-            "max_speed_rad_s",
+        timing = self.timing._asdict() | self.noise._asdict()
+        for name, base in (
+            ("communication_step_s", "dt_s"),
+            ("control_period_s", "communication_step_s"),
+            ("rl_step_s", "control_period_s"),
+            ("hold_s", "control_period_s"),
         ):
-            speed = getattr(self.steering, name)
-            if speed >= limit:
+            whole_ratio(name, timing[name], base, timing[base])
+        limit = self.lift_off_rad_s
+        for name, speed in self.steering._asdict().items():
+            if name.endswith("_speed_rad_s") and speed >= limit:
                 raise ConfigError(
                     f"{name} = {speed:g} rad/s would make the robot hop; "
                     f"stay below lift-off at {limit:.0f} rad/s"
@@ -178,16 +153,18 @@ class CoSimConfig:
             )
         payload_kg, offset_mm = 1e-3 * self.world.payload_g, self.world.payload_offset_mm
         mass_kg = robot.mass_kg + payload_kg
-        ahead_m, left_m = (
-            (robot.mass_kg * own_m + 1e-3 * payload_kg * mm) / mass_kg
-            for own_m, mm in zip((robot.com_x_m, robot.com_y_m), offset_mm, strict=True)
+        moved_m = math.hypot(
+            *(
+                (robot.mass_kg * own_m + 1e-3 * payload_kg * mm) / mass_kg
+                for own_m, mm in zip((robot.com_x_m, robot.com_y_m), offset_mm, strict=True)
+            )
         )
-        if not math.hypot(ahead_m, left_m) < inside_m:
+        if not moved_m < inside_m:
             raise ConfigError(
                 f"world.payload_g = {self.world.payload_g:g} at payload_offset_mm = "
-                f"{list(offset_mm)} moves the centre of mass "
-                f"{1e3 * math.hypot(ahead_m, left_m):.1f} mm from the robot's axis, which falls "
-                f"over from {1e3 * inside_m:.1f} mm on; give a lighter payload or a smaller offset"
+                f"{list(offset_mm)} moves the centre of mass {1e3 * moved_m:.1f} mm from the "
+                f"robot's axis, which falls over from {1e3 * inside_m:.1f} mm on; give a lighter "
+                "payload or a smaller offset"
             )
         for name in ("foot_radius_m", "motor_radius_m"):
             if getattr(robot, name) >= robot.diameter_m / 2.0:
@@ -202,6 +179,25 @@ class CoSimConfig:
                 f"{robot.diameter_m:g}; make the robot larger"
             )
 
+    def merged(self, *trees: Tree) -> "CoSimConfig":
+        """Return a copy with the values of partial trees and their sources, later ones first."""
+        tree = {name: leaf for each in trees for name, leaf in each.items()}
+        values: dict[str, Any] = {name: value for name, (value, _) in tree.items()}
+        changed: dict[str, Any] = {}
+        for part in _RECORDS:
+            record = getattr(self, part)
+            own = {n: values.pop(n) for n in getattr(record, "_fields", ()) if n in values}
+            if own:
+                changed[part] = record._replace(**own)
+        for table, record in (("world.sensor", self.world.camera), ("world", self.world)):
+            names = {parameter_name(table, n): n for n in record.__struct_fields__}
+            own = {names[n]: values.pop(n) for n in names.keys() & values.keys()}
+            if own:
+                of = changed if table == "world" else values
+                of[table.rpartition(".")[2]] = msgspec.structs.replace(record, **own)
+        sources = tuple((dict(self.sources) | {n: text for n, (_, text) in tree.items()}).items())
+        return replace(self, **changed, **values, sources=sources)
+
     def having(self, source: str, **values: Any) -> "CoSimConfig":
         """Return a copy in which parameters have other values, recorded with their source.
 
@@ -209,19 +205,7 @@ class CoSimConfig:
             source: of all these values.
             values: of fields of the records or of the configuration, by name; None keeps one.
         """
-        given = {name: value for name, value in values.items() if value is not None}
-        changed = dict(given)
-        for part in _RECORDS:
-            record = getattr(self, part)
-            own = {n: changed.pop(n) for n in getattr(record, "_fields", ()) if n in changed}
-            if own:
-                changed[part] = record._replace(**own)
-        sources = dict(self.sources) | dict.fromkeys(given, source)
-        return replace(self, **changed, sources=tuple(sources.items()))
-
-    def sourced(self, sources: Mapping[str, str]) -> "CoSimConfig":
-        """Return a copy with further sources of parameters, or other ones, by name."""
-        return replace(self, sources=tuple({**dict(self.sources), **sources}.items()))
+        return self.merged({n: (value, source) for n, value in values.items() if value is not None})
 
     @property
     def unsourced(self) -> "CoSimConfig":
@@ -229,28 +213,26 @@ class CoSimConfig:
         return replace(self, sources=())
 
     def sized(self, diameter_m: float) -> "CoSimConfig":
-        """Return these parameters for robots of another diameter, see `resized`.
+        """Return these parameters for robots of another diameter, feet and motors near its rim.
 
         To be called before a calibration: motor speeds depend on the robot's inertia.
         """
-        robot = resized(self.robot, diameter_m)
-        if robot == self.robot:
+        robot = self.robot
+        if robot.diameter_m == diameter_m:
             return self
-        feet = {n: getattr(robot, n) for n in ("foot_radius_m", "motor_radius_m")}
-        own = self.having("in proportion to the diameter", **feet, diameter_m=diameter_m)
-        return own.sourced({"diameter_m": "scenario"})
+        scale, source = diameter_m / robot.diameter_m, "in proportion to the diameter"
+        feet = {n: (scale * getattr(robot, n), source) for n in ("foot_radius_m", "motor_radius_m")}
+        return self.merged(feet | {"diameter_m": (diameter_m, "scenario")})
 
     def in_world(self, world: World) -> "CoSimConfig":
-        """Return these parameters in a world as declared.
+        """Return these parameters in another world, as declared.
 
         To be called before a calibration: robots are calibrated on the floor and with the load that
         they will have.
         """
-        rest = msgspec.structs.replace(world, mu=None, motor_speed_noise=None, obstacles=())
-        config = self.having("world", mu=world.mu, relative_amplitude=world.motor_speed_noise)
-        kept = {n: text for n, text in config.sources if n not in self.world.stated}
-        sources = kept | dict.fromkeys(world.stated, "world")
-        return replace(config, world=rest, sources=tuple(sources.items()))
+        left = self.world.tree()
+        kept = tuple((name, text) for name, text in self.sources if name not in left)
+        return replace(self, world=IDEAL, sources=kept).merged(world.tree())
 
     def require_known(self, what: str, *names: str) -> None:
         """Refuse motors of which a parameter is unknown."""
@@ -291,32 +273,43 @@ class CoSimConfig:
         """Number of control periods of one noise value."""
         return round(self.noise.hold_s / self.timing.control_period_s)
 
-    def table(self) -> dict[str, dict[str, Any]]:
-        """Return value, unit, source and description of every parameter, by its name.
+    def leaves(self) -> dict[str, Leaf]:
+        """Return every parameter by its name, with its own source.
 
         A value without a recorded source that differs from the default is "given".
         """
-        usual, sources, rows = CoSimConfig().described(), dict(self.sources), {}
-        for name, (value, quantity) in self.described().items():
-            changed = name in usual and value != usual[name][0]
+        usual, sources = CoSimConfig()._declared(), dict(self.sources)
+        found = {}
+        for name, (path, value, quantity) in self._declared().items():
+            changed = name in usual and value != usual[name].value
             source = sources.get(name, GIVEN if changed else quantity.source)
-            shown = UNKNOWN if source == UNKNOWN else value
-            rows[name] = {"value": shown} | quantity._replace(source=source)._asdict()
-        return rows
+            found[name] = Leaf(
+                path, UNKNOWN if source == UNKNOWN else value, quantity._replace(source=source)
+            )
+        return found
 
-    def described(self) -> dict[str, tuple[Any, Quantity]]:
-        """Return value and `Quantity` of every parameter, by its name."""
-        records = [getattr(self, part) or SHIELD for part in _RECORDS]
-        rows = {
-            n: row for part in (*records, self.world.filled()) for n, row in describe(part).items()
+    def table(self) -> dict[str, dict[str, Any]]:
+        """Return value, unit, source and description of every parameter, by its name."""
+        return {
+            n: {"value": leaf.value} | leaf.quantity._asdict() for n, leaf in self.leaves().items()
         }
-        rows |= {f"sensor_{name}": row for name, row in describe(self.world.camera).items()}
+
+    def _declared(self) -> dict[str, Leaf]:
+        tables = {part: getattr(self, part) or SHIELD for part in _RECORDS}
+        tables |= {"world": self.world.filled(), "world.sensor": self.world.camera}
+        rows = {
+            parameter_name(table, n): Leaf(f"{table}.{n}", value, quantity)
+            for table, record in tables.items()
+            for n, (value, quantity) in describe(record).items()
+        }
         for name, value in self.motor_parameters:
-            rows.setdefault(name, (value, Quantity("", OF_MOTOR, "of the motor FMU")))
-        own = msgspec.json.decode(msgspec.json.encode(self.world)) | vars(self)
-        own |= {"open_loop": " ".join(self.open_loop), "shield": self.shield is not None}
+            quantity = Quantity("", OF_MOTOR, "of the motor FMU")
+            rows.setdefault(name, Leaf(f"motor_parameters.{name}", value, quantity))
+        world = msgspec.json.decode(msgspec.json.encode(self.world))
+        own = vars(self) | {"open_loop": " ".join(self.open_loop), "shield": bool(self.shield)}
         for name, text in _OPTIONS.items():
-            rows[name] = own[name], Quantity("", "default", text)
+            path, value = (f"world.{name}", world[name]) if name in world else (name, own[name])
+            rows[name] = Leaf(path, value, Quantity("", "default", text))
         return rows
 
 

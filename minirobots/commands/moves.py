@@ -57,7 +57,7 @@ def run(options: ObserveMoves, progress: Progress) -> Iterator[Any]:
     from cosim.base.table import show_texts
 
     config, fmu = options.physics.prepare(progress=progress)
-    config = options.deciding.deciding(config)
+    config = config.merged(options.deciding.tree())
     require_rl_step(config.timing.rl_step_s)
     moves = observe_moves(
         config,

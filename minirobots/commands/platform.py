@@ -40,9 +40,8 @@ def run(options: MovePlatform, _: Progress) -> Iterator[Any]:
     """Move the platforms, write what they do, and print speeds and net displacements."""
     from cosim.machine.platform.result import move_platforms
 
-    preset = find_preset(options.preset)
-    robot = preset.robot if options.mu is None else preset.robot._replace(mu=options.mu)
-    result = move_platforms(options.cycles, options.omega, robot, preset.motor)
+    config = find_preset(options.preset).config().having("given", mu=options.mu)
+    result = move_platforms(options.cycles, options.omega, config.robot, config.motor)
     result.save(options.out)
     table, motions = result.table, {"paper": result.paper, "table_ii": result.table_ii}
     names = ("mu", "omega_rad_s", "net_speed_m_s")

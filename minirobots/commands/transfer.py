@@ -7,8 +7,7 @@ from typing import Any
 from agent.training.settings import COMPARED, Method
 from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress
-from cosim.model.built_in import PAPER
-from cosim.model.scenario_file import find_scenario
+from cosim.model.scenario_file import PAPER, find_scenario
 from minirobots.options import BudgetMinutes, Distributed, Folder, Resumable, Seed
 
 

@@ -24,9 +24,9 @@ from cosim.machine.identification.simulated import (
     motor_speeds,
 )
 from cosim.machine.identification.track import SeenTrack
+from cosim.model.config import UNKNOWN as UNKNOWN_SOURCE
 from cosim.model.config import CoSimConfig
 from cosim.model.preset import Preset
-from cosim.model.world import Sensor
 
 JSON_FILE, PRESET_FILE, PAGE_FILE = "identification.json", "preset.toml", "report.md"
 DRAWING_FILE = "tracks.svg"
@@ -110,7 +110,6 @@ def identify(
         UserError: the FMU cannot be used, or failed.
     """
     config = with_motor(config, fmu)
-    preset = preset._replace(motor=config.motor, sources=dict(config.sources))
     set_points = track.set_points(config.timing.control_period_s)
     progress("turning the motors", 0, None)
     speeds, smooth = (
@@ -121,7 +120,7 @@ def identify(
     progress("turning the motors", 1, 1)
     found = fit(track, drive, progress)
     report = _report(track, name, preset, found, rises(track, drive, found))
-    return Identified(report, _preset(track, name, preset, found), track, found)
+    return Identified(report, _preset(track, name, preset, config, found), track, found)
 
 
 def _report(
@@ -156,19 +155,13 @@ def _known(value: float) -> float | None:
     return None if np.isnan(value) else float(value)
 
 
-def _preset(track: SeenTrack, name: str, preset: Preset, found: Fit) -> Preset:
+def _preset(track: SeenTrack, name: str, preset: Preset, config: CoSimConfig, found: Fit) -> Preset:
     """The machine, with the mean of both motors, and their difference as the motors' spread."""
-    robot, motor_d, motor_e = machine(found.values, preset.robot, preset.motor)
+    robot, motor_d, motor_e = machine(found.values, config.robot, config.motor)
     mean = 0.5 * (motor_d.r + motor_e.r)
     # standard deviation of the two
     spread = min(abs(motor_d.r - motor_e.r) / (2.0**0.5 * mean), 0.3)
     noise: Noise = found.noise
-    sensor = Sensor(
-        rate_hz=round(float(1.0 / np.median(np.diff(track.times))), 3),
-        delay_ms=round(1e3 * float(found.values[-1]), 2),
-        position_noise_mm=round(1e3 * noise.position_m, 4),
-        heading_noise_deg=round(float(np.rad2deg(noise.heading_rad)), 4),
-    )
     where = f"identified from {name}"
     intervals = {
         parameter.name: f"{where}: 95 % within ± {half:.2g} {unit}".rstrip()
@@ -179,21 +172,25 @@ def _preset(track: SeenTrack, name: str, preset: Preset, found: Fit) -> Preset:
             strict=True,
         )
     }
-    sources = dict(preset.sources) | {
-        name: text for name, text in intervals.items() if name in robot._fields
+    tree = {n: leaf for n, leaf in preset.tree.items() if not n.startswith("sensor_")}
+    tree |= {
+        n: (getattr(config.motor, n), text)
+        for n, text in config.sources
+        if n in config.motor._fields and not text.startswith(UNKNOWN_SOURCE)
     }
-    sources |= {
-        "r": f"{where}: mean of both motors' unbalance, over m",
-        "motor_spread": f"{where}: from the difference of the two motors",
-        "sensor_delay_ms": intervals["camera_delay_s"],
-        "sensor_rate_hz": where,
-        "sensor_position_noise_mm": where,
-        "sensor_heading_noise_deg": where,
+    tree |= {n: (getattr(robot, n), t) for n, t in intervals.items() if n in robot._fields}
+    rate_hz = round(float(1.0 / np.median(np.diff(track.times))), 3)
+    delay_ms = round(1e3 * float(found.values[-1]), 2)
+    tree |= {
+        "r": (mean, f"{where}: mean of both motors' unbalance, over m"),
+        "motor_spread": (round(spread, 4), f"{where}: from the difference of the two motors"),
+        "sensor_rate_hz": (rate_hz, where),
+        "sensor_delay_ms": (delay_ms, intervals["camera_delay_s"]),
+        "sensor_position_noise_mm": (round(1e3 * noise.position_m, 4), where),
+        "sensor_heading_noise_deg": (round(float(np.rad2deg(noise.heading_rad)), 4), where),
     }
-    world = msgspec.structs.replace(preset.world, motor_spread=round(spread, 4), sensor=sensor)
     source = f"Identified from {name}; all else is of the preset {preset.name}."
-    motor = preset.motor._replace(r=mean)
-    return Preset(Path(PRESET_FILE).stem, source, robot, motor, world, sources)
+    return Preset(Path(PRESET_FILE).stem, source, tree)
 
 
 def write(identified: Identified, out: Path) -> None:

@@ -108,7 +108,7 @@ def test_a_file_that_is_being_written_is_refused(tmp_path):
 
 def test_short_rl_steps_have_no_more_bursts(motor_fmu, tmp_path):
     """One in 2 s, however often robots are asked."""
-    config = DecisionOptions(rl_step=0.1).deciding(with_bursts(CoSimConfig(), "default"))
+    config = with_bursts(CoSimConfig(), "default").merged(DecisionOptions(rl_step=0.1).tree())
     system = CoSimulation(SCENARIO, motor_fmu, config)
     system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
     path = tmp_path / "episode.rrd"
@@ -126,7 +126,7 @@ def test_trails_grow_with_the_time(rl_step_s):
     """Pieces of 2 s, of which the views show those of the last 10 minutes, for any RL step."""
     seen = Observation(np.zeros((2, 2), dtype=int), *np.zeros((3, 2), dtype=int))
     periods = round(1e3 * rl_step_s)
-    config = DecisionOptions(rl_step=rl_step_s).deciding(CoSimConfig())
+    config = CoSimConfig().merged(DecisionOptions(rl_step=rl_step_s).tree())
     kept, pieces, samples = Kept(), [], new_samples(periods, 2)
     with EpisodeRecorder(kept, SCENARIO, config, "test", {}, level="summary") as recorder:
         for number in range(round(60.0 / rl_step_s)):

@@ -72,7 +72,7 @@ def test_robots_stop_at_the_centres(short):
 
 def test_robots_drive_through_centres_and_stop_at_their_targets(motor_fmu, straight_policy, short):
     """Asked when their moves end, robots are sooner there, and stop only to stay or to turn."""
-    config = DecisionOptions(through=True).deciding(CoSimConfig())
+    config = CoSimConfig().merged(DecisionOptions(through=True).tree())
     system, steps = CoSimulation(SHORT, motor_fmu, config), []
     starts = tuple(cells[0] for cells in SHORT.starts)
     policy = straight_policy(SHORT.targets)

@@ -35,12 +35,13 @@ def test_options_override_the_world_and_that_the_machine(
 @pytest.mark.slow
 def test_a_setup_has_obstacles_of_its_world_and_a_shield_for_it(motor_fmu):
     world = World(obstacles=((3, 4),), edge=True)
-    setup = resolve(SimulationOptions(shield=True, motor_fmu=motor_fmu), "2", world=world)
-    assert set(setup.scenario.obstacles) == {*find_scenario("2").obstacles, (3, 4)}
-    assert setup.config.world.edge and not setup.config.world.obstacles
-    assert setup.config == with_stopping_distance(setup.config, setup.fmu)
-    assert setup.config.shield not in {None, SHIELD}
-    assert setup.fmu == motor_fmu
+    options = SimulationOptions(shield=True, motor_fmu=motor_fmu)
+    scenario, config, fmu = resolve(options, "2", world=world)
+    assert set(scenario.obstacles) == {*find_scenario("2").obstacles, (3, 4)}
+    assert config.world.edge and not config.world.obstacles
+    assert config == with_stopping_distance(config, fmu)
+    assert config.shield not in {None, SHIELD}
+    assert fmu == motor_fmu
 
 
 def test_a_scenario_is_refused_before_anything_is_measured(tmp_path):
