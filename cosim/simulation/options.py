@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from cosim.base.arguments import ConfigError, unknown, validate_fields, validate_unique
+from cosim.base.arguments import ConfigError, require_names, validate_fields, validate_unique
 from cosim.base.command import MotorFmuFile, MotorParameters
 from cosim.base.progress import Progress, silent, under_way
 from cosim.model.config import (
@@ -230,9 +230,7 @@ class SimulationOptions(Physics, DecisionOptions):
 def options_of(call: str, given: Mapping[str, Any], *more: str) -> SimulationOptions:
     """Return the options that a call in Python is given by name."""
     known = [*more, *(option.name for option in fields(SimulationOptions))]
-    for name in given:
-        if name not in known:
-            raise ConfigError(f"{call} has no option {unknown(name, None, known)}")
+    require_names(f"{call}: option ", given, known)
     return SimulationOptions(**given)
 
 

@@ -203,8 +203,8 @@ SCENARIOS = {
     ),
     "a number of a thousand digits": Hostile(text(f"rows = {'9' * 1000}\n" + ROBOT), "rows"),
     "a number of ten thousand digits": Hostile(text(f"rows = {'9' * 10**4}\n" + ROBOT), "TOML"),
-    "an unknown key": Hostile(text("colour = 1\n" + ROBOT), "unknown field 'colour'"),
-    "another type": Hostile(text('rows = "many"\n' + ROBOT), "rows: expected 'int | null'"),
+    "an unknown key": Hostile(text("colour = 1\n" + ROBOT), "colour is unknown"),
+    "another type": Hostile(text('rows = "many"\n' + ROBOT), "rows = .many. is invalid"),
     "arrays without end": Hostile(text("a = " + "[" * 10**5), "TOML"),
     "a key of twenty thousand parts": Hostile(
         text(f"rows = 9\n{DEEP} = 1\n" + ROBOT), "line 2 has a key of more than 32 parts"
@@ -223,23 +223,23 @@ WORLDS = {
     "obstacles off the board": Hostile(text("[world]\nobstacles = [[-5, 0]]"), "off the 30 x 30"),
     "a thousand patches and one": Hostile(
         text(f"[world]\nmu_patches = [{'{cells=[0,0,1,1],mu=0.1},' * 1001}]"),
-        "has 1001 patches, more than 1000",
+        "expected array of length <= 1000",
     ),
-    "infinite friction": Hostile(text("[world]\nmu = inf"), "mu = inf is not usable"),
+    "infinite friction": Hostile(text("[world]\nmu = inf"), "mu = inf is invalid"),
     "a load of no number": Hostile(text("[world]\npayload_g = nan"), "payload_g"),
-    "an unknown key": Hostile(text("[world]\ngravity = 1"), "unknown field 'gravity'"),
+    "an unknown key": Hostile(text("[world]\ngravity = 1"), "world.gravity is unknown"),
     "another type": Hostile(text("[world]\nmu = [1]"), r"world\.mu"),
 }
 PRESETS = {
     "an unknown key": Hostile(text("[robot]\ncolour = 1"), "robot.colour is unknown"),
-    "another type": Hostile(text('[motor]\nJ = "much"'), "is not a number"),
-    "an infinite mass": Hostile(text("[robot]\nmass_kg = inf"), "mass_kg = inf must be finite"),
+    "another type": Hostile(text('[motor]\nJ = "much"'), "J = 'much' is invalid"),
+    "an infinite mass": Hostile(text("[robot]\nmass_kg = inf"), "mass_kg = inf is invalid"),
     "a mass beyond all floats": Hostile(
         text(f"[robot]\nmass_kg = 0x{'f' * 400}"), "mass_kg"
     ),
     "a robot of nothing": Hostile(text("[robot]\ndiameter_m = 1e-320"), "diameter_m"),
     "a heavy robot": Hostile(text("[robot]\nmass_kg = 1e300"), "mass_kg"),
-    "a date": Hostile(text("[robot]\nmass_kg = 2001-01-01"), "is not a number"),
+    "a date": Hostile(text("[robot]\nmass_kg = 2001-01-01"), "J = 'much' is invalid"),
 }  # fmt: skip
 SETTINGS = {
     "an unknown key": Hostile(text("[learning]\nspeed = 1"), "unknown field learning.speed"),

@@ -17,8 +17,8 @@ from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept
 from cosim.recording.levels import with_bursts
 from cosim.recording.reader import Episode, read_episode
-from cosim.simulation.cosimulation import CoSimulation
 from cosim.simulation.options import DecisionOptions
+from tests.alone import CoSimulation
 
 STARTS = (10, 14), (15, 16)  # 5.4 cm apart: robots of 5 cm touch after a turn and 2 mm
 SCENARIO = Scenario("pair", "", ((3, 27), (27, 2)), tuple((start,) for start in STARTS))
@@ -70,9 +70,9 @@ def values(number: int) -> np.ndarray:
 def steps(motor_fmu) -> list[Step]:
     system = CoSimulation(SCENARIO, motor_fmu, CONFIG)
     system.reset(STARTS, np.random.SeedSequence(3))
-    done = [system.advance(DIRECTIONS)]
+    done = [system.step(DIRECTIONS)]
     while not done[-1].outcome:
-        done.append(system.advance(DIRECTIONS))
+        done.append(system.step(DIRECTIONS))
     assert done[-1].outcome == "collision"
     assert len(done) > 2
     return done

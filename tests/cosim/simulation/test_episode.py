@@ -20,10 +20,10 @@ from cosim.onboard.features import LARGE, MEDIUM, Observation
 from cosim.onboard.observing import draw_starts
 from cosim.onboard.steering import DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, PAST
 from cosim.recording.levels import with_bursts
-from cosim.simulation.cosimulation import CoSimulation, run_episode
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import PROMPT_RL_STEP_S, DecisionOptions
 from cosim.simulation.simulate import simulate
+from tests.alone import CoSimulation, run_episode
 
 SHORT = Scenario("short", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 EAST, NORTH, SOUTH = 0, 2, 6
@@ -42,10 +42,10 @@ def short(motor_fmu, straight_policy):
 
 def test_robots_reach_their_targets(short):
     system, steps = short
-    assert system.outcome == "success"
+    assert system.episode.outcome == "success"
     assert steps[-1].outcome == "success"
     assert steps[-1].after.cells.tolist() == [[15, 27], [15, 2]]
-    assert system.measures.path_length_m == pytest.approx(0.02, abs=0.001)
+    assert system.episode.measures.path_length_m == pytest.approx(0.02, abs=0.001)
 
 
 def test_whoever_thinks_to_be_off_the_board_is_at_its_edge(motor_fmu):
@@ -55,7 +55,7 @@ def test_whoever_thinks_to_be_off_the_board_is_at_its_edge(motor_fmu):
     system.reset(tuple(cells[0] for cells in SHORT.starts), np.random.SeedSequence(0))
     off = 0
     for _ in range(3):
-        step = system.advance(np.array([EAST, EAST]))
+        step = system.step(np.array([EAST, EAST]))
         off += (step.samples.estimate[..., :2] < 0.0).sum()
         off += (step.samples.estimate[..., :2] > 0.3).sum()
         assert ((step.after.cells >= 0) & (step.after.cells < 30)).all()
@@ -77,9 +77,9 @@ def test_robots_drive_through_centres_and_stop_at_their_targets(motor_fmu, strai
     starts = tuple(cells[0] for cells in SHORT.starts)
     policy = straight_policy(SHORT.targets)
     run_episode(system, policy, starts, np.random.SeedSequence(0), steps.append)
-    assert system.outcome == "success"
+    assert system.episode.outcome == "success"
     assert [step.duration_s for step in steps] == pytest.approx([PROMPT_RL_STEP_S] * len(steps))
-    assert system.time_s < short[0].time_s
+    assert system.episode.time_s < short[0].episode.time_s
     modes = np.concatenate([step.samples.mode for step in steps])
     passed = np.concatenate([step.completed[None] for step in steps]).sum(axis=0)
     assert passed.tolist() == [2, 2]
@@ -137,10 +137,10 @@ def test_friction_stays_in_the_cone(short):
 def test_leaving_the_board_ends_the_episode(motor_fmu):
     system = CoSimulation(SHORT, motor_fmu)
     system.reset(((29, 29), (0, 0)), np.random.SeedSequence(0))
-    step = system.advance(np.array([EAST, NORTH]))
-    while not system.outcome:
-        step = system.advance(np.array([EAST, NORTH]))
-    assert system.outcome == "out_of_board"
+    step = system.step(np.array([EAST, NORTH]))
+    while not system.episode.outcome:
+        step = system.step(np.array([EAST, NORTH]))
+    assert system.episode.outcome == "out_of_board"
     assert step.samples.position[-1, 0, 0] == pytest.approx(0.3, abs=1e-4)
 
 
@@ -149,10 +149,10 @@ def test_time_limit_ends_the_episode(motor_fmu):
     system = CoSimulation(SHORT, motor_fmu, config)
     observation = system.reset(((15, 29), (15, 0)), np.random.SeedSequence(0))
     assert observation.distance_class.tolist() == [LARGE, LARGE]
-    system.advance(np.array([SOUTH, NORTH]))
-    assert system.outcome == ""
-    system.advance(np.array([SOUTH, NORTH]))
-    assert system.outcome == "timeout"
+    system.step(np.array([SOUTH, NORTH]))
+    assert system.episode.outcome == ""
+    system.step(np.array([SOUTH, NORTH]))
+    assert system.episode.outcome == "timeout"
 
 
 def test_limits_hold_to_the_tick_whenever_a_move_began():
@@ -178,7 +178,7 @@ def test_policies_that_return_anything_else_than_directions_are_refused(motor_fm
     system.reset(((15, 29), (15, 0)), np.random.SeedSequence(0))
     expected = r"^the policy returned .*; expected 2 integers from 0 to 7"
     with pytest.raises(UserError, match=expected):
-        system.advance(action)
+        system.step(action)
     system.close()
 
 
@@ -188,7 +188,7 @@ def test_observation_has_the_targets(motor_fmu):
     assert observation.targets.tolist() == [[15, 27], [15, 2]]
     for array in observation:
         array[:] = 0  # a policy's own copy
-    assert system.advance(np.array([SOUTH, NORTH])).after.targets.tolist() == [[15, 27], [15, 2]]
+    assert system.step(np.array([SOUTH, NORTH])).after.targets.tolist() == [[15, 27], [15, 2]]
     goals = system.episode._commands[:, GOAL_X : GOAL_Y + 1]
     assert goals.tolist() == pytest.approx(np.array([[0.155, 0.285], [0.155, 0.015]]))
     system.close()
@@ -214,7 +214,7 @@ def test_equal_seeds_give_equal_noise(motor_fmu):
     def first_step(seed):
         system = CoSimulation(SHORT, motor_fmu)
         system.reset(((15, 29), (15, 0)), np.random.SeedSequence(seed))
-        return system.advance(np.array([EAST, EAST])).samples.omega
+        return system.step(np.array([EAST, EAST])).samples.omega
 
     assert np.array_equal(first_step(1), first_step(1))
     assert not np.array_equal(first_step(1), first_step(2))
@@ -240,7 +240,7 @@ def test_starts_that_always_touch_are_refused():
         ({"dt_s": 3e-5}, "communication_step_s = 1e-05 s is not a whole multiple of dt_s"),
         ({"communication_step_s": 3e-5}, "control_period_s = 0.001 s is not a whole multiple"),
         ({"rl_step_s": 0.0015}, "rl_step_s = 0.0015 s is not a whole multiple"),
-        ({"dt_s": 0.0}, "dt_s must be positive"),
+        ({"dt_s": 0.0}, "timing.dt_s = 0.0 is invalid: expected float > 0"),
     ],
 )
 def test_times_that_do_not_divide_are_refused(timing, message):
@@ -251,9 +251,10 @@ def test_times_that_do_not_divide_are_refused(timing, message):
 def test_the_scenario_decides_the_diameter(motor_fmu):
     small = Scenario("small", "", SHORT.targets, SHORT.starts, robot_diameter_m=0.03)
     with pytest.raises(ConfigError, match=r"diameter_m = 0\.05 .* robot_diameter_m = 0\.03"):
-        CoSimulation(small, motor_fmu, CoSimConfig())
+        starts = tuple(cells[0] for cells in small.starts)
+        CoSimulation(small, motor_fmu, CoSimConfig()).reset(starts, 0)
     config = CoSimConfig().sized(0.03)
-    assert CoSimulation(small, motor_fmu, config).config == config
+    assert CoSimulation(small, motor_fmu).config == config
     values = {name: row["value"] for name, row in config.table().items()}
     assert values["diameter_m"] == 0.03
     assert values["foot_radius_m"] == pytest.approx(0.6 * TABLE_I.foot_radius_m)

@@ -13,7 +13,7 @@ from cosim.model.scenario_file import find_scenario
 from cosim.onboard.shield import STOPS
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.recording.episode_log import EpisodeLog
-from cosim.simulation.cosimulation import CoSimulation, run_episode
+from tests.alone import CoSimulation, run_episode
 
 E, NE, N, NW, W, S = 0, 1, 2, 3, 4, 6
 # the second robot's target is on the first one's way
@@ -33,11 +33,11 @@ def drive(motor_fmu, config, straight_policy, steps_of):
 def test_a_robot_that_drives_over_anothers_target_collides(motor_fmu, straight_policy):
     steps = []
     system = drive(motor_fmu, CoSimConfig(), straight_policy, steps)
-    assert system.outcome == "collision"
+    assert system.episode.outcome == "collision"
     assert steps[-1].events.tolist() == [COLLISION, RUNNING]
     *_, before, after = steps[-1].samples.position[:, 0, 1]
     assert before < 0.06 <= after  # its centre enters the cell, not its rim
-    assert system.measures.contact_time_s == 0.0
+    assert system.episode.measures.contact_time_s == 0.0
     log = EpisodeLog(BEYOND, system.config)
     lines = [line for step in steps for line in log.lines(step, np.zeros(2))]
     assert lines[-2].text.startswith("r1 enters another robot's target at (4.")
@@ -51,7 +51,7 @@ def test_robots_that_push_on_after_collisions_drive_over_targets(motor_fmu, stra
     timing = CoSimConfig().timing._replace(episode_limit_s=10.0)
     config, steps = CoSimConfig(on_collision="continue", timing=timing), []
     system = drive(motor_fmu, config, straight_policy, steps)
-    assert system.outcome == "timeout"
+    assert system.episode.outcome == "timeout"
     assert steps[-1].samples.position[-1, 0, 1] > 0.061
 
 
@@ -60,8 +60,8 @@ def test_the_shield_keeps_out_of_anothers_target(motor_fmu, straight_policy):
     timing = CoSimConfig().timing._replace(episode_limit_s=60.0)
     steps = []
     system = drive(motor_fmu, CoSimConfig(shield=SHIELD, timing=timing), straight_policy, steps)
-    assert system.outcome != "collision"
-    assert system.conflicts > 0  # yielding: no move begins that leads there
+    assert system.episode.outcome != "collision"
+    assert system.episode.conflicts > 0  # yielding: no move begins that leads there
     path = np.concatenate([step.samples.position[:, 0, :2] for step in steps])
     inside = ((path >= (0.04, 0.06)) & (path < (0.05, 0.07))).all(axis=1)
     assert not inside.any()
@@ -72,7 +72,7 @@ def test_the_monitor_alone_keeps_out_of_anothers_target(motor_fmu, straight_poli
     timing = CoSimConfig().timing._replace(episode_limit_s=30.0)
     config = CoSimConfig(shield=SHIELD, timing=timing)
     system = drive(motor_fmu, config, straight_policy, [])
-    assert system.outcome == "timeout"
+    assert system.episode.outcome == "timeout"
     assert system.episode._shields[0, STOPS] >= 1
 
 
@@ -102,7 +102,7 @@ def test_a_zone_that_is_an_obstacle_ends_the_episode_in_the_dynamics(motor_fmu, 
     system, steps = CoSimulation(zoned, motor_fmu), []
     starts, seed = tuple(cells[0] for cells in BEYOND.starts), np.random.SeedSequence(0)
     run_episode(system, straight_policy(zoned.targets), starts, seed, steps.append)
-    assert system.outcome == "collision"
+    assert system.episode.outcome == "collision"
     log = EpisodeLog(zoned, system.config)
     lines = [line.text for step in steps for line in log.lines(step, np.zeros(2))]
     assert lines[-2].startswith("r1 enters the restricted zone at (4.")
