@@ -211,12 +211,14 @@ def _move_reward(scenario: Scenario, config: ProcessConfig) -> np.ndarray:
     for diagonal in range(2):
         cost = config.step_cost * (config.diagonal_cost if diagonal else 1.0)
         for approaching in range(2):
+            # --8<-- [start:pair]
             # Eq. (12)
             b = config.approach_coefficient if approaching else 1.0
             for squared in range(largest + 1):
                 distance = min(math.sqrt(squared), limit_cells)
                 # Eq. (11)
                 reward[diagonal, approaching, squared] = -b * (1.0 - distance / limit_cells) - cost
+            # --8<-- [end:pair]
     return reward
 
 

@@ -127,7 +127,7 @@ def _numbered(function: Callable[[Any], Any], index: int, task: Any) -> tuple[in
 
 @contextlib.contextmanager
 def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], ...]]:
-    # workers have the project installed, as docs/cluster.md asks: below `uv run` Ray would pack it
+    # workers have the project installed, as docs/studies.md asks: below `uv run` Ray would pack it
     # and make another environment for every worker
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     try:

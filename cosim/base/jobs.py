@@ -30,7 +30,7 @@ class Workers:
     jobs: Jobs = -1
     backend: Backend = "threads"
     """Where it is computed: threads or processes (loky) of this machine, or a Dask or Ray cluster
-    (extras); see docs/cluster.md."""
+    (extras); see docs/studies.md."""
     address: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     """Address of the cluster's head; without it Ray and Dask start on this machine."""
 

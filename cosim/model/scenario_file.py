@@ -31,7 +31,7 @@ MAX_CELLS = MAX_SIDE_CELLS**2  # of a list, before those that stand there twice 
 _FOLDER = Path(__file__).parent / "scenarios"
 
 # Built-in scenarios. Those of Fig. 5 have target cells that are read from the figure (assumed), see
-# docs/decisions.md; with "-zone" the "restricted zone" (Section V) is one that no robot may enter.
+# docs/paper.md; with "-zone" the "restricted zone" (Section V) is one that no robot may enter.
 PAPER = ("1a", "1b", "2", "3", "4")
 # Not the paper's, see docs/scenarios.md: pairs among obstacles, and groups of robots.
 AMONG_OBSTACLES = ("5-corridor", "5-slalom", "5-doorway")

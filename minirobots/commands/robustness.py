@@ -34,7 +34,7 @@ class Robustness(Distributed, Resumable):
     """Built-in scenario or a scenario file (.toml)."""
     world: File = ROUGH
     """World with all deviations (.toml with a table [world]), by default that of
-    docs/robustness.md."""
+    docs/methods.md."""
     axes: tuple[Axis, ...] = AXES
     """Deviations from the ideal to measure, one at a time, and everything."""
     methods: tuple[Method, ...] = COMPARED

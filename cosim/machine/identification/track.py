@@ -14,7 +14,7 @@ from cosim.base.storage import replacing
 
 # Set points of motors D and E in rad/s, each held for HOLD_S. Magnitudes differ by 100 rad/s or
 # more, so that the phase between the motors goes around many times a second and averages out; they
-# stay where tracks depend smoothly on all parameters, although feet lift (docs/identification.md).
+# stay where tracks depend smoothly on all parameters, although feet lift (docs/own.md).
 HOLD_S = 3.0
 SEQUENCE = (
     (-800.0, 900.0),
@@ -44,7 +44,7 @@ MOST_SPEED_RAD_S = 5800.0  # what the motors reach at their largest voltage
 LEAST_TURN_RAD, LEAST_DRIVE_M, MOST_OFF_RAD = 0.2, 0.005, math.radians(60.0)
 
 
-_KIND = Kind("track", "record it again, see docs/identification.md")
+_KIND = Kind("track", "record it again, see docs/own.md")
 
 
 class SeenTrack(NamedTuple):
