@@ -22,11 +22,11 @@ class CoSimulation(Batch):
     episode: RunningEpisode
 
     def __init__(
-        self, scenario: Scenario, fmu: Path, config: CoSimConfig | None = None, *how: Any
+        self, scenario: Scenario, fmu: Path, config: CoSimConfig | None = None, **how: Any
     ) -> None:
         self.scenario = scenario
         config = with_motor(config or CoSimConfig().sized(scenario.diameter_m), fmu)
-        super().__init__(fmu, config, scenario.robots, 1, *how)
+        super().__init__(fmu, config, scenario.robots, 1, **how)
 
     def reset(self, starts: tuple[Cell, ...], seed: np.random.SeedSequence | int) -> Observation:
         seed = np.random.SeedSequence(seed) if isinstance(seed, int) else seed
