@@ -62,6 +62,16 @@ class Leaf(NamedTuple):
     value: Any
     quantity: Quantity
 
+    def __str__(self) -> str:
+        value = "none" if self.value in ("", [], None) else self.value
+        return (
+            f"{self.path} = {value} {self.quantity.unit}".rstrip() + f"  ({self.quantity.source})"
+        )
+
+    def table(self) -> dict[str, Any]:
+        """Return value, unit, source and description by name."""
+        return {"value": self.value} | self.quantity._asdict()
+
 
 @dataclass(frozen=True)
 class CoSimConfig:
@@ -290,9 +300,7 @@ class CoSimConfig:
 
     def table(self) -> dict[str, dict[str, Any]]:
         """Return value, unit, source and description of every parameter, by its name."""
-        return {
-            n: {"value": leaf.value} | leaf.quantity._asdict() for n, leaf in self.leaves().items()
-        }
+        return {name: leaf.table() for name, leaf in self.leaves().items()}
 
     def _declared(self) -> dict[str, Leaf]:
         tables = {part: getattr(self, part) or SHIELD for part in _RECORDS}

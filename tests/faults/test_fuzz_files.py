@@ -165,7 +165,7 @@ def test_presets(tmp_path, content):
         preset = find_preset(path)
         preset.config().sized(0.05)
         preset.save(tmp_path / "again.toml")
-        assert find_preset(tmp_path / "again.toml").robot == preset.robot
+        assert find_preset(tmp_path / "again.toml").tree == preset.tree
 
     one_sentence(use)
 
