@@ -1,6 +1,5 @@
 """One episode at a time: a batch with one place."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import numpy as np
 from cosim.coupling.parameters import with_motor
 from cosim.coupling.rl_step import Step, SupportsAct, decide
 from cosim.model.config import CoSimConfig
-from cosim.model.outcome import Outcome
 from cosim.model.scenario import Cell, Scenario
 from cosim.onboard.features import Observation
 from cosim.simulation.batch import Batch
@@ -28,7 +26,11 @@ class CoSimulation(Batch):
         config = with_motor(config or CoSimConfig().sized(scenario.diameter_m), fmu)
         super().__init__(fmu, config, scenario.robots, 1, **how)
 
-    def reset(self, starts: tuple[Cell, ...], seed: np.random.SeedSequence | int) -> Observation:
+    def reset(
+        self, starts: tuple[Cell, ...] = (), seed: np.random.SeedSequence | int = 0
+    ) -> Observation:
+        """Begin an episode, by default from the first start of each robot."""
+        starts = starts or tuple(cells[0] for cells in self.scenario.starts)
         seed = np.random.SeedSequence(seed) if isinstance(seed, int) else seed
         self.episode = self.begin(0, self.scenario, starts, seed)
         return self.episode.observation
@@ -37,17 +39,13 @@ class CoSimulation(Batch):
         return self.advance({0: action})[0]
 
 
-def run_episode(
-    system: CoSimulation,
-    policy: SupportsAct,
-    starts: tuple[Cell, ...],
-    seed: np.random.SeedSequence,
-    observe_step: Callable[[Step], None],
-) -> Outcome:
-    """Run one episode and return its outcome; `observe_step` sees every RL step."""
-    observation = system.reset(starts, seed)
+def drive(
+    scenario: Scenario, fmu: Path, policy: SupportsAct, config: CoSimConfig | None = None
+) -> tuple[CoSimulation, list[Step]]:
+    """Simulate an episode until its end, and return its RL steps."""
+    system, steps = CoSimulation(scenario, fmu, config), []
+    system.reset()
     while not system.episode.outcome:
-        step = system.step(decide(policy, observation).action)
-        observation = step.after
-        observe_step(step)
-    return system.episode.outcome
+        steps.append(system.step(decide(policy, system.episode.observation).action))
+    system.close()
+    return system, steps

@@ -66,7 +66,11 @@ def _fault(name: str, value: Any, kind: Any, problem: str) -> str:
         return unknown(name, value, known)
     reason = reason.replace("`object`", "table").replace("`", "").replace("null", "None")
     ranges = [m for m in _annotations(kinds) if isinstance(m, Meta)]
-    limits = [f"; give {m.ge:g} to {m.le:g}" for m in ranges if None not in (m.ge, m.le)]
+    limits = [
+        f"; give {m.ge:g} to {m.le:g}"
+        for m in ranges
+        if None not in (m.ge, m.le) and m.le < MAX_SEED - 1
+    ]
     reason = f"{reason[0].lower()}{reason[1:]}{''.join(limits)}"
     return f"{name} = {shorten(value)} is invalid: {reason}" if name else reason
 

@@ -6,7 +6,7 @@ They are merged, later ones over earlier ones, and what comes of that is validat
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 
@@ -41,18 +41,10 @@ MAX_RATIO = 10**9  # of two periods
 UNKNOWN, GIVEN, OF_MOTOR = "unknown", "given", "given by motor_parameters"
 _ROUNDING = 1e-9  # relative, of a period that shall be a multiple of another one
 _RECORDS = ("robot", "motor", "noise", "timing", "steering", "estimator", "shield")
-_OPTIONS = {  # without `Quantity`, by their names in `CoSimConfig.table`
-    "reaction": "whether motors feel the body's acceleration",
-    "portable": "whether no angle is computed by the C library",
-    "on_collision": "what a contact with a robot or an obstacle does",
-    "through": "whether robots drive on at the end of a move until asked",
-    "mu_patches": "cells with another mu",
-    "payload_offset_mm": "forwards and to the left",
-    "motor_phases_deg": "initial phases of the motors",
-    "open_loop": "what goes without feedback",
-    "preset": "machine that the parameters are of",
-    "shield": "whether a monitor keeps robots apart, for any policy",
-}
+
+
+def _option(description: str) -> Quantity:
+    return Quantity("", "default", description)
 
 
 class Leaf(NamedTuple):
@@ -64,9 +56,8 @@ class Leaf(NamedTuple):
 
     def __str__(self) -> str:
         value = "none" if self.value in ("", [], None) else self.value
-        return (
-            f"{self.path} = {value} {self.quantity.unit}".rstrip() + f"  ({self.quantity.source})"
-        )
+        unit = "" if self.quantity.unit == "1" else self.quantity.unit
+        return f"{self.path} = {value} {unit}".rstrip() + f"  ({self.quantity.source})"
 
     def table(self) -> dict[str, Any]:
         """Return value, unit, source and description by name."""
@@ -85,21 +76,17 @@ class CoSimConfig:
         timing: clock, decisions and limits.
         steering: speeds and gains.
         estimator: of the filter that robots see the camera through.
-        reaction: whether the motors feel the acceleration of the body (the paper neglects it).
-        portable: whether the angles that robots steer by have the same bits on every machine
-            (`cosim.physics.trig`), or are those of the C library.
-        on_collision: whether a robot that touches another one or an obstacle, or enters another
-            one's target cell, ends the episode or pushes on.
+        reaction: the paper neglects it.
+        portable: see `cosim.physics.trig`.
+        on_collision: as does entering another robot's target cell: end the episode, or push on.
         world: floor, motors, load and camera; its `mu` and speed noise are in `robot` and `noise`,
             its obstacles in the scenario.
-        through: whether a robot drives on at the end of a move until it is asked, and turns only
-            for another direction (the paper's stops).
-        shield: what a monitor keeps that holds robots apart, for any policy
-            (`cosim.onboard.shield`), and lets them yield to each other
-            (`cosim.onboard.yielding`); None for no shield.
-        open_loop: what goes without feedback: motors get the voltage that gives their set point in
-            the mean instead of the loop of Eq. (14), and robots keep no course while they drive.
-        preset: name of the machine, see `cosim.model`.
+        through: they turn only for another direction; the paper's stop.
+        shield: distances that it keeps (`cosim.onboard.shield`); robots yield to each other, too
+            (`cosim.onboard.yielding`). None for no shield.
+        open_loop: motors get the voltage that gives their set point in the mean instead of the loop
+            of Eq. (14), and robots keep no course while they drive.
+        preset: see `cosim.model.preset`.
         sources: of parameters that were set, as (name, text), see `merged`; UNKNOWN for one that
             the motor FMU does not expose. They do not matter for equality.
         motor_parameters: values that every motor FMU is given, by name, in addition to what differs
@@ -118,14 +105,20 @@ class CoSimConfig:
     timing: TimingParams = TIMING
     steering: SteeringParams = STEERING
     estimator: EstimatorParams = ESTIMATOR
-    reaction: bool = False
-    portable: bool = False
-    on_collision: OnCollision = "end"
+    reaction: Annotated[bool, _option("whether motors feel the body's acceleration")] = False
+    portable: Annotated[bool, _option("whether no angle is computed by the C library")] = False
+    on_collision: Annotated[
+        OnCollision, _option("what a contact with a robot or an obstacle does")
+    ] = "end"
     world: World = IDEAL
-    through: bool = False
-    shield: ShieldParams | None = None
-    open_loop: tuple[Loop, ...] = ()
-    preset: str = "paper"
+    through: Annotated[
+        bool, _option("whether robots drive on at the end of a move until asked")
+    ] = False
+    shield: Annotated[
+        ShieldParams | None, _option("whether a monitor keeps robots apart, for any policy")
+    ] = None
+    open_loop: Annotated[tuple[Loop, ...], _option("what goes without feedback")] = ()
+    preset: Annotated[str, _option("machine that the parameters are of")] = "paper"
     sources: tuple[tuple[str, str], ...] = field(default=(), compare=False)
     motor_parameters: tuple[tuple[str, float], ...] = ()
     motor_fmu: str = ""
@@ -303,21 +296,21 @@ class CoSimConfig:
         return {name: leaf.table() for name, leaf in self.leaves().items()}
 
     def _declared(self) -> dict[str, Leaf]:
-        tables = {part: getattr(self, part) or SHIELD for part in _RECORDS}
-        tables |= {"world": self.world.filled(), "world.sensor": self.world.camera}
+        """Return every parameter by its name, with the sources of defaults; values as in JSON."""
+        tables: dict[str, Any] = {part: getattr(self, part) or SHIELD for part in _RECORDS}
+        tables |= {"world": self.world.filled(), "world.sensor": self.world.camera, "": self}
         rows = {
-            parameter_name(table, n): Leaf(f"{table}.{n}", value, quantity)
+            parameter_name(table, n): Leaf(f"{table}.{n}".removeprefix("."), value, quantity)
             for table, record in tables.items()
             for n, (value, quantity) in describe(record).items()
         }
         for name, value in self.motor_parameters:
             quantity = Quantity("", OF_MOTOR, "of the motor FMU")
             rows.setdefault(name, Leaf(f"motor_parameters.{name}", value, quantity))
-        world = msgspec.json.decode(msgspec.json.encode(self.world))
-        own = vars(self) | {"open_loop": " ".join(self.open_loop), "shield": bool(self.shield)}
-        for name, text in _OPTIONS.items():
-            path, value = (f"world.{name}", world[name]) if name in world else (name, own[name])
-            rows[name] = Leaf(path, value, Quantity("", "default", text))
+        changed = {"open_loop": " ".join(self.open_loop), "shield": bool(self.shield)}
+        for name, leaf in rows.items():
+            value = msgspec.json.encode(changed.get(name, leaf.value))
+            rows[name] = leaf._replace(value=msgspec.json.decode(value))
         return rows
 
 

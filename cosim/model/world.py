@@ -102,7 +102,11 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     mu: _Friction | None = None
-    mu_patches: Annotated[tuple[Patch, ...], Meta(max_length=_MAX_PATCHES)] = ()
+    mu_patches: Annotated[
+        tuple[Patch, ...],
+        Meta(max_length=_MAX_PATCHES),
+        Quantity("", "default", "cells with another mu"),
+    ] = ()
     motor_spread: Annotated[
         Annotated[float, Meta(ge=0.0, le=0.3)] | None,
         Quantity("1", "ideal", "relative standard deviation of K_T, R, J and m r"),
@@ -119,8 +123,12 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Meta(ge=0.0, le=1000.0),
         Quantity("g", "ideal", "on every robot, at the height of its centre of mass"),
     ] = 0.0
-    payload_offset_mm: tuple[_Offset, _Offset] = (0.0, 0.0)
-    motor_phases_deg: tuple[_Angle, ...] = ()
+    payload_offset_mm: Annotated[
+        tuple[_Offset, _Offset], Quantity("", "default", "forwards and to the left")
+    ] = (0.0, 0.0)
+    motor_phases_deg: Annotated[
+        tuple[_Angle, ...], Quantity("", "default", "initial phases of the motors")
+    ] = ()
     sensor: Sensor | None = None
     obstacles: tuple[tuple[int, ...], ...] = ()
     edge: Annotated[bool, Quantity("", "ideal", "whether there is no floor beyond the board")] = (

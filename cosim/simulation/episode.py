@@ -76,10 +76,7 @@ class RunningEpisode:
         """Put the robots on their start cells, facing the board's centre row.
 
         Args:
-            scenario, config: of the episode.
-            state: of the co-simulation.
-            columns: those of the episode's robots.
-            starts: start cell of each robot.
+            state: of the co-simulation, in which the episode's robots have `columns`.
             seed: of the speed noise, of which every motor gets a child of its own, and of the
                 world.
             sampled: indices of the robots with kept signals; by default all of up to

@@ -13,7 +13,7 @@ from cosim.model.params import SHIELD, TIMING
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTIONS
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, line_to_line, permitted
-from tests.alone import CoSimulation, run_episode
+from tests import alone
 
 E, N, W, S = 0, 2, 4, 6
 FACING = Scenario(
@@ -86,12 +86,8 @@ class HeadOn:
 
 
 def drive(motor_fmu, config, policy=None):
-    system = CoSimulation(FACING, motor_fmu, config)
-    starts = tuple(cells[0] for cells in FACING.starts)
-    outcome = run_episode(
-        system, policy or Straight(), starts, np.random.SeedSequence(0), lambda step: None
-    )
-    return system, outcome
+    system, _ = alone.drive(FACING, motor_fmu, policy or Straight(), config)
+    return system, system.episode.outcome
 
 
 @pytest.mark.long

@@ -21,7 +21,7 @@ from cosim.physics.collision import (
 from cosim.physics.forces import motor_mounts
 from cosim.physics.neighbours import LISTS
 from cosim.physics.properties import body_params, properties_of
-from tests.alone import CoSimulation, run_episode
+from tests.alone import CoSimulation, drive
 
 PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots, near=2e-3)
 BODY = body_params(TABLE_I, TABLE_II, TIMING.dt_s)
@@ -216,7 +216,7 @@ def collision_course():
 
 def drive_together(scenario, motor_fmu, **changes):
     system = CoSimulation(scenario, motor_fmu, CoSimConfig(**changes))
-    system.reset(tuple(cells[0] for cells in scenario.starts), np.random.SeedSequence(0))
+    system.reset()
     east, north, west = 0, 2, 4
     steps = []
     while not system.episode.outcome and len(steps) < 12:
@@ -237,10 +237,8 @@ def test_small_robots_drive_on_where_large_ones_would_touch(motor_fmu, straight_
     small = Scenario(
         "small", "", ((8, 7), (12, 7)), tuple((cell,) for cell in starts), robot_diameter_m=0.03
     )
-    system = CoSimulation(small, motor_fmu)
-    policy = straight_policy(small.targets)
-    outcome = run_episode(system, policy, starts, np.random.SeedSequence(0), lambda step: None)
-    assert outcome == "success"
+    system, _ = drive(small, motor_fmu, straight_policy(small.targets))
+    assert system.episode.outcome == "success"
     assert system.config.robot.diameter_m == 0.03
     assert 0.03 < system.episode.measures.min_distance_m < 0.05
 

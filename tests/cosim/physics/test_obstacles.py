@@ -19,7 +19,7 @@ from cosim.onboard.features import DIRECTIONS
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.physics import collision as solid
 from cosim.recording.episode_log import EpisodeLog
-from tests.alone import CoSimulation, run_episode
+from tests import alone
 
 E, NE, N, W, S = 0, 1, 2, 4, 6
 RADIUS_M = TABLE_I.diameter_m / 2.0
@@ -111,11 +111,7 @@ def test_robots_cannot_start_or_park_touching_an_obstacle(tmp_path, field, text)
 
 def drive(scenario, motor_fmu, policy, **changes):
     timing = TIMING._replace(episode_limit_s=20.0)
-    system, steps = CoSimulation(scenario, motor_fmu, CoSimConfig(timing=timing, **changes)), []
-    starts = tuple(cells[0] for cells in scenario.starts)
-    run_episode(system, policy, starts, np.random.SeedSequence(0), steps.append)
-    system.close()
-    return system, steps
+    return alone.drive(scenario, motor_fmu, policy, CoSimConfig(timing=timing, **changes))
 
 
 @pytest.mark.parametrize("on_collision", ["end", "continue"])

@@ -22,7 +22,7 @@ def first_step(motor_fmu, start, edge):
     """The first RL step of a robot that drives to the middle of its board."""
     scenario = Scenario("rim", "", ((15, 15),), ((start,),))
     system = CoSimulation(scenario, motor_fmu, FLOORS[edge])
-    system.reset((start,), np.random.SeedSequence(0))
+    system.reset()
     step = system.step(np.array([SOUTH if start[1] > 15 else NORTH]))
     system.close()
     return step
@@ -52,7 +52,7 @@ def test_a_shielded_robot_keeps_its_feet_on_the_board(motor_fmu, row, direction)
     config = replace(CoSimConfig().in_world(world), shield=SHIELD, through=True, timing=timing)
     start = (15, row)
     system = CoSimulation(Scenario("rim", "", ((15, 15),), ((start,),)), motor_fmu, config)
-    system.reset((start,), 0)
+    system.reset()
     samples = system.step(np.array([direction])).samples
     assert not system.episode.outcome
     offsets = foot_positions(config.robot) - (*mass_of(config.robot, world).centre, 0.0)
