@@ -69,7 +69,7 @@ def _fault(name: str, value: Any, kind: Any, problem: str) -> str:
     limits = [
         f"; give {m.ge:g} to {m.le:g}"
         for m in ranges
-        if None not in (m.ge, m.le) and m.le < MAX_SEED - 1
+        if m.ge is not None and m.le is not None and m.le < MAX_SEED - 1
     ]
     reason = f"{reason[0].lower()}{reason[1:]}{''.join(limits)}"
     return f"{name} = {shorten(value)} is invalid: {reason}" if name else reason

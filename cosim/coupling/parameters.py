@@ -6,7 +6,7 @@ from pathlib import Path
 from cosim.base.arguments import ConfigError
 from cosim.base.provenance import digest_of
 from cosim.coupling.fmu import FmuError, MotorFmu
-from cosim.model.config import GIVEN, UNKNOWN, CoSimConfig
+from cosim.model.config import GIVEN, UNKNOWN, CoSimConfig, proportional
 from cosim.model.params import TABLE_II, MotorParams, lift_off_speed
 from fmus.build import is_built_in
 
@@ -37,15 +37,11 @@ def with_motor(config: CoSimConfig, motor_fmu: Path) -> CoSimConfig:
     name, sources = f"motor FMU {motor_fmu.name}", dict(config.sources)
     tree = {n: (v, sources.get(n, GIVEN) if n in given else name) for n, v in found.items()}
     # A parameter that is not exposed keeps its value, in the body.
-    body = dict.fromkeys(_OF_BODY, f"{UNKNOWN}: that of the body is assumed")
+    body: dict[str, str] = dict.fromkeys(_OF_BODY, f"{UNKNOWN}: that of the body is assumed")
     tree |= {n: (v, body.get(n, UNKNOWN)) for n, v in motor.items() if n not in found}
     robot, read = config.robot, config.motor._replace(**found)
     share = lift_off_speed(robot, read) / lift_off_speed(robot, config.motor)
-    tree |= {
-        n: (share * v, "computed: in proportion to lift-off")
-        for n, v in config.steering._asdict().items()
-        if n.endswith("_speed_rad_s")
-    }
+    tree |= proportional(config.steering, share)
     of_fmu = {"motor_parameters": tuple(given.items()), "motor_fmu": digest_of(motor_fmu)}
     try:
         config = replace(config.merged(tree), **of_fmu)

@@ -5,6 +5,7 @@ They are merged, later ones over earlier ones, and what comes of that is validat
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -30,7 +31,7 @@ from cosim.model.params import (
     describe,
     lift_off_speed,
 )
-from cosim.model.world import IDEAL, Tree, World, parameter_name
+from cosim.model.world import IDEAL, Tree, World, parameter_name, tree_of
 
 OnCollision = Literal["end", "continue"]
 Loop = Literal["motors", "heading"]
@@ -182,7 +183,7 @@ class CoSimConfig:
                 f"{robot.diameter_m:g}; make the robot larger"
             )
 
-    def merged(self, *trees: Tree) -> "CoSimConfig":
+    def merged(self, *trees: Mapping[str, tuple[Any, str]]) -> "CoSimConfig":
         """Return a copy with the values of partial trees and their sources, later ones first."""
         tree = {name: leaf for each in trees for name, leaf in each.items()}
         values: dict[str, Any] = {name: value for name, (value, _) in tree.items()}
@@ -201,14 +202,9 @@ class CoSimConfig:
         sources = tuple((dict(self.sources) | {n: text for n, (_, text) in tree.items()}).items())
         return replace(self, **changed, **values, sources=sources)
 
-    def having(self, source: str, **values: Any) -> "CoSimConfig":
-        """Return a copy in which parameters have other values, recorded with their source.
-
-        Args:
-            source: of all these values.
-            values: of fields of the records or of the configuration, by name; None keeps one.
-        """
-        return self.merged({n: (value, source) for n, value in values.items() if value is not None})
+    def having(self, source: str, /, **values: Any) -> "CoSimConfig":
+        """Return a copy in which parameters have other values of one source; None keeps one."""
+        return self.merged(tree_of(source, **values))
 
     @property
     def unsourced(self) -> "CoSimConfig":
@@ -223,9 +219,10 @@ class CoSimConfig:
         robot = self.robot
         if robot.diameter_m == diameter_m:
             return self
-        scale, source = diameter_m / robot.diameter_m, "in proportion to the diameter"
-        feet = {n: (scale * getattr(robot, n), source) for n in ("foot_radius_m", "motor_radius_m")}
-        return self.merged(feet | {"diameter_m": (diameter_m, "scenario")})
+        scale = diameter_m / robot.diameter_m
+        feet = {n: scale * getattr(robot, n) for n in ("foot_radius_m", "motor_radius_m")}
+        own = tree_of("scenario", diameter_m=diameter_m)
+        return self.merged(tree_of("in proportion to the diameter", **feet), own)
 
     def in_world(self, world: World) -> "CoSimConfig":
         """Return these parameters in another world, as declared.
@@ -312,6 +309,12 @@ class CoSimConfig:
             value = msgspec.json.encode(changed.get(name, leaf.value))
             rows[name] = leaf._replace(value=msgspec.json.decode(value))
         return rows
+
+
+def proportional(steering: SteeringParams, share: float) -> Tree:
+    """Return a share of the motor speeds of the steering."""
+    speeds = {n: share * v for n, v in steering._asdict().items() if n.endswith("_speed_rad_s")}
+    return tree_of("computed: in proportion to lift-off", **speeds)
 
 
 def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:

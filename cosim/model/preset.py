@@ -18,7 +18,7 @@ from cosim.base.arguments import require_names, validate_argument
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, naming, read_toml
 from cosim.base.storage import replacing, require_suffix
-from cosim.model.config import CoSimConfig
+from cosim.model.config import CoSimConfig, proportional
 from cosim.model.params import (
     STEERING,
     TABLE_I,
@@ -28,7 +28,7 @@ from cosim.model.params import (
     lift_off_speed,
 )
 from cosim.model.scenario import Scenario
-from cosim.model.world import Sensor, Tree, parameter_name
+from cosim.model.world import Sensor, parameter_name
 
 PAPER = "paper"
 # What a machine may state. Other fields of a world are of the table that the machine stands on.
@@ -56,13 +56,10 @@ class Preset(NamedTuple):
     source: str = ""
     tree: Mapping[str, tuple[Any, str]] = {}
 
-    def config(self, *trees: Tree) -> CoSimConfig:
-        """Parameters of a co-simulation of the machine, not yet calibrated.
+    def config(self, *trees: Mapping[str, tuple[Any, str]]) -> CoSimConfig:
+        """Parameters of the machine, over which later trees hold first; not yet calibrated.
 
         Motor speeds of the steering are those of the paper's robot, as shares of lift-off.
-
-        Args:
-            trees: of a world, of options: later ones override earlier ones, and all the machine.
         """
         tree = {name: leaf for each in (self.tree, *trees) for name, leaf in each.items()}
         robot, motor = (
@@ -72,10 +69,8 @@ class Preset(NamedTuple):
             for name, usual in (("robot", TABLE_I), ("motor", TABLE_II))
         )
         share = lift_off_speed(robot, motor) / lift_off_speed(TABLE_I, TABLE_II)
-        speeds = {n: share * v for n, v in STEERING._asdict().items() if n.endswith("_speed_rad_s")}
-        steering = {n: (v, "computed: in proportion to lift-off") for n, v in speeds.items()}
-        config = CoSimConfig(preset=self.name)
-        return config.merged(steering if share != 1.0 else {}, tree)
+        steering = {} if share == 1.0 else proportional(STEERING, share)
+        return CoSimConfig(preset=self.name).merged(steering, tree)
 
     def board(self, scenario: Scenario) -> Scenario:
         """Return a scenario with robots of the diameter that it states, by default the machine's.
@@ -116,11 +111,7 @@ def built_in() -> list[str]:
 
 
 def find_preset(name_or_path: str | Path | Preset) -> Preset:
-    """Built-in preset of that name, or the one in a TOML file.
-
-    Args:
-        name_or_path: `paper`, `icra2006`, `thesis`, or a file (.toml); a record is returned as it
-            is.
+    """Built-in preset of that name, or the one in a TOML file; a record is returned as it is.
 
     Raises:
         UserError: there is none, it is no TOML, or no such machine can be; the message names the

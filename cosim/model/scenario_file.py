@@ -51,15 +51,14 @@ def _built_in(name: str) -> Scenario:
 
 
 def find_scenario(name_or_path: str | Path | Scenario, *, ideal: bool = False) -> Scenario:
-    """Built-in scenario of that name, or the one in a TOML file.
+    """Built-in scenario of that name, or the one in a TOML file; a record is returned as it is.
 
     Args:
-        name_or_path: of a built-in scenario, or a scenario file; a record is returned as it is.
         ideal: refuse a world of its own, of which only obstacles would have an effect.
 
     Raises:
-        UserError: there is no such scenario, or the file does not describe one.
-        UserError: the world is invalid, or is refused.
+        UserError: there is no such scenario, the file does not describe one, or its world is
+            refused.
     """
     scenario, world = find_in_world(name_or_path)
     if ideal and msgspec.structs.replace(world, obstacles=()) != IDEAL:
@@ -74,10 +73,7 @@ def find_in_world(
 ) -> tuple[Scenario, World]:
     """A scenario, with the obstacles of its world, and the world it is in.
 
-    Args:
-        scenario: name of a built-in scenario, scenario file (.toml) or record.
-        world: world file, record, or dict of its fields; by default the table `[world]` of the
-            scenario file, or the paper's.
+    A world is by default the table `[world]` of the scenario file, or the paper's.
     """
     name, own, declared = str(scenario), IDEAL, world
     if isinstance(declared, str | Path):

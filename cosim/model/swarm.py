@@ -45,11 +45,7 @@ def lay_out(
 ) -> dict[str, Any]:
     """Return columns, rows, targets and starts of a swarm's `Scenario`, by name.
 
-    Args:
-        swarm: number, spacing and formation.
-        diameter_cells: of every robot.
-        columns, rows: of the board; by default as many as the swarm needs.
-        folder: of a file of targets.
+    The board is by default as large as the swarm needs; a file of targets is in `folder`.
     """
     count, spacing = swarm.robots, swarm.spacing
     least = math.floor(diameter_cells + 1e-9) + 1  # at which robots do not touch

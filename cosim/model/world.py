@@ -4,7 +4,6 @@ A `World` is what the table `[world]` of a file declares; the default is the pap
 from episode to episode is drawn from it with the episode's seed.
 """
 
-from collections.abc import Mapping
 from typing import Annotated, Any
 
 import msgspec
@@ -25,11 +24,16 @@ _WORLD_CHILD, CAMERA_CHILD = 1_000_000, 2_000_000  # of the camera's noise, the 
 DETOUR_CHILD = 3_000_000
 
 
-Tree = Mapping[str, tuple[Any, str]]  # values of parameters and their sources, by name
+Tree = dict[str, tuple[Any, str]]  # values of parameters and their sources, by name
 _Friction = Annotated[float, Meta(ge=0.0, le=10.0)]
 _Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 _Angle = Annotated[float, Meta(ge=-360.0, le=360.0)]
 _Offset = Annotated[float, Meta(ge=-1000.0, le=1000.0)]
+
+
+def tree_of(source: str, /, **values: Any) -> Tree:
+    """Return values of parameters, by name, with one source; None is none."""
+    return {name: (value, source) for name, value in values.items() if value is not None}
 
 
 class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -143,17 +147,13 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
 
     def tree(self, source: str = "world") -> Tree:
-        """Return the values that this world states but for obstacles, by their parameters' names.
-
-        Args:
-            source: of them all.
-        """
+        """Return the values that this world states but for obstacles, with their source."""
         names = [n for n in self.__struct_fields__ if getattr(self, n) != getattr(IDEAL, n)]
         own = {n: getattr(self, n) for n in names if n not in ("sensor", "obstacles")}
         camera = {} if self.sensor is None else msgspec.structs.asdict(self.sensor)
         found = {parameter_name("world", name): value for name, value in own.items()}
         found |= {parameter_name("world.sensor", name): value for name, value in camera.items()}
-        return {name: (value, source) for name, value in found.items()}
+        return tree_of(source, **found)
 
     @property
     def draws(self) -> bool:

@@ -11,19 +11,12 @@ import tyro
 from cosim.base.arguments import ConfigError, require_names, validate_fields, validate_unique
 from cosim.base.command import Count, MotorFmuFile, MotorParameters, Seed
 from cosim.base.progress import Progress, silent, under_way
-from cosim.model.config import (
-    GIVEN,
-    OF_MOTOR,
-    CoSimConfig,
-    Loop,
-    OnCollision,
-    whole_ratio,
-)
+from cosim.model.config import GIVEN, OF_MOTOR, CoSimConfig, Loop, OnCollision, whole_ratio
 from cosim.model.params import SHIELD, STEERING, Amount, MotorParams, Positive
 from cosim.model.preset import PAPER, Preset, find_preset
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
-from cosim.model.world import IDEAL, World
+from cosim.model.world import IDEAL, Tree, World, tree_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,31 +45,24 @@ class Physics:
     def __post_init__(self) -> None:
         validate_fields(self, but=["preset"] if isinstance(self.preset, Preset) else [])
 
-    def tree(self) -> dict[str, tuple[Any, str]]:
+    def tree(self) -> Tree:
         """Return the values that these options give, by their parameters' names."""
-        given = {
-            "mu": self.mu,
-            "relative_amplitude": self.noise,
-            "dt_s": self.dt,
-            "communication_step_s": self.communication_step or self.dt,
-            "reaction": self.reaction or None,
-        }
         motors = validate_unique("motor_parameters", self.motor_parameters)
-        known = {name: (v, OF_MOTOR) for name, v in motors.items() if name in MotorParams._fields}
-        found = {name: (value, GIVEN) for name, value in given.items() if value is not None}
-        if motors:
-            found["motor_parameters"] = tuple(motors.items()), OF_MOTOR
-        return known | found
+        known = {name: value for name, value in motors.items() if name in MotorParams._fields}
+        return tree_of(OF_MOTOR, **known, motor_parameters=tuple(motors.items()) or None) | tree_of(
+            GIVEN,
+            mu=self.mu,
+            relative_amplitude=self.noise,
+            dt_s=self.dt,
+            communication_step_s=self.communication_step or self.dt,
+            reaction=self.reaction or None,
+        )
 
     def config(self, world: World = IDEAL, source: str = "world") -> CoSimConfig:
         """Return parameters for robots of the preset's size in a world, not yet calibrated.
 
-        A parameter has the value of its option, else that of the world, else that of the machine,
-        else the default.
-
-        Args:
-            world: of the robots.
-            source: of its values.
+        A parameter has the value of its option, else that of the world, which has `source`, else
+        that of the machine, else the default.
         """
         for option, field in {"mu": "mu", "noise": "motor_speed_noise"}.items():
             if getattr(self, option) is not None and getattr(world, field) is not None:
@@ -94,7 +80,7 @@ class Physics:
         return find_preset(self.preset).config(world.tree(source), self.tree())
 
     def board(self, scenario: Scenario) -> Scenario:
-        """Return a scenario with robots of the preset's size, see `Preset.board`."""
+        """See `Preset.board`."""
         return find_preset(self.preset).board(scenario)
 
     def fmu(self, progress: Progress = silent) -> Path:
@@ -143,14 +129,11 @@ class DecisionOptions:
     the same, asked when their move ends (within 0.1 s) instead of every 2 s. The methods fastest
     (of two robots) and planned use such moves."""
 
-    def tree(self) -> dict[str, tuple[Any, str]]:
+    def tree(self) -> Tree:
         """Return the values that these options give, by their parameters' names."""
-        given: dict[str, tuple[Any, str]] = {"through": (True, GIVEN)} if self.through else {}
-        if self.rl_step is not None:
-            given["rl_step_s"] = self.rl_step, GIVEN
-        elif self.through:
-            given["rl_step_s"] = PROMPT_RL_STEP_S, "set by --through"
-        return given
+        prompt_s = PROMPT_RL_STEP_S if self.through and self.rl_step is None else None
+        own = tree_of(GIVEN, through=self.through or None, rl_step_s=self.rl_step)
+        return own | tree_of("set by --through", rl_step_s=prompt_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,18 +165,21 @@ class SimulationOptions(Physics, DecisionOptions):
     """Simulated time in s after which an episode ends as a time-out, a whole multiple of the RL
     step; by default 600, and longer in proportion where robots are slower than by default."""
 
-    def tree(self) -> dict[str, tuple[Any, str]]:
+    def tree(self) -> Tree:
         """See `Physics.tree`."""
-        given = {
-            "episode_limit_s": self.time_limit,
-            "drive_speed_m_s": None if self.speed is None else 1e-3 * self.speed,
-            "on_collision": None if self.on_collision == "end" else self.on_collision,
-            "shield": SHIELD if self.shield else None,
-            "open_loop": self.open_loop or None,
-            "portable": self.portable or None,
-        }
-        found = {name: (value, GIVEN) for name, value in given.items() if value is not None}
-        return Physics.tree(self) | DecisionOptions.tree(self) | found
+        return (
+            Physics.tree(self)
+            | DecisionOptions.tree(self)
+            | tree_of(
+                GIVEN,
+                episode_limit_s=self.time_limit,
+                drive_speed_m_s=None if self.speed is None else 1e-3 * self.speed,
+                on_collision=None if self.on_collision == "end" else self.on_collision,
+                shield=SHIELD if self.shield else None,
+                open_loop=self.open_loop or None,
+                portable=self.portable or None,
+            )
+        )
 
     def config(self, world: World = IDEAL, source: str = "world") -> CoSimConfig:
         """See `Physics.config`."""
@@ -267,11 +253,8 @@ def resolve(
     """Return everything that determines an episode but for its policy, start cells and seed.
 
     Args:
-        options: of the command.
-        scenario: name of a built-in scenario, scenario file (.toml) or record.
-        progress: receives what is prepared.
-        world: world file, record, or dict of its fields; by default that of the options, else that
-            of the scenario file, else the paper's.
+        world: file, record, or dict of its fields; by default that of the options, else that of the
+            scenario file, else the paper's.
         require: refuses scenarios, for example those that a policy was not trained on, before
             anything is measured.
 

@@ -161,13 +161,9 @@ def _simulate(
     may_begin: Callable[[], bool],
     stop: threading.Event,
 ) -> Iterator[tuple[int, EpisodeResult]]:
-    """Simulate tasks in one batch, until none is left or may begin, or until `stop` is set.
+    """Simulate tasks that can share a batch, until none is left or may begin, or `stop` is set.
 
-    Args:
-        waiting: tasks that can share a batch; threads take them one by one.
-        places: of the batch.
-        may_begin: whether another task may.
-        stop: ends all after an RL step.
+    Threads take them from `waiting` one by one.
     """
     going_on: dict[int, tuple[int, Generator[Any, Any, None]]] = {}
     free = list(range(places))
@@ -212,7 +208,7 @@ def simulate_tasks(
     after their RL step and complete their recordings, without result.
 
     Yields:
-        (index of the task, its result).
+        Index of the task, and its result.
     """
     together: dict[object, deque[tuple[int, Task]]] = {}
     for number, task in enumerate(tasks):
