@@ -1,27 +1,16 @@
 """Commands that simulate episodes: a run of them, and one that was recorded, again."""
 
-import math
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
-import numpy as np
 import tyro
 
 from agent.training.settings import COMPUTED, Method
+from cosim.base import command as opt
 from cosim.base.arguments import ConfigError
-from cosim.base.command import (
-    Count,
-    File,
-    Jobs,
-    MotorFmuFile,
-    NewFolder,
-    NotNegative,
-    ScenarioName,
-    workers,
-)
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress, under_way
 from cosim.model.scenario_file import find_scenario
@@ -33,7 +22,6 @@ if TYPE_CHECKING:
     from agent.mdp.greedy import GreedyPolicy
     from agent.training.loop import TrainingLog
     from cosim.model.scenario import Scenario
-    from cosim.recording.rrd import RecordingData
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,9 +40,9 @@ class Run(Command):
 
     kept = "results so far are in {out}/"
 
-    scenario: ScenarioName = "2"
-    out: NewFolder = None
-    episodes: Count = 1
+    scenario: opt.ScenarioName = "2"
+    out: opt.NewFolder = None
+    episodes: opt.Count = 1
     """Episodes to co-simulate, each from start cells drawn with the seed."""
     method: Method | None = None
     """How agents learn: on the grid as in Section V (paper, the default for one robot or two on up
@@ -63,13 +51,13 @@ class Run(Command):
     joint paths that are optimal on the grid by length (shortest), of one or two the least time on
     observed moves (fastest; two with --through), of up to eight paths in space and time, which they
     plan while they drive (planned, the default for three to eight)."""
-    train_episodes: Count | None = None
+    train_episodes: opt.Count | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), and 1 500 000 on moves."""
-    train_seed: NotNegative | None = None
+    train_seed: opt.NotNegative | None = None
     """Seed of training: by default 0, so that every --seed uses the same policy, trained once."""
     again: Annotated[bool, tyro.conf.arg(aliases=["--retrain"])] = False
     """Train even if the cache has a policy of this configuration."""
-    policy: File | None = None
+    policy: opt.File | None = None
     """Trained policy to use instead of training: a file (policy.npz)."""
     no_record: bool = False
     """Short for --record none."""
@@ -82,7 +70,7 @@ class Run(Command):
     """Open a Rerun viewer on this machine and send it the recorded data."""
     viewer: Annotated[str, tyro.conf.arg(metavar="URL")] = DEFAULT_VIEWER
     """Address of the viewer for --live and --spawn."""
-    jobs: Jobs = -1
+    jobs: opt.Jobs = -1
     physics: Annotated[EpisodeOptions, tyro.conf.OmitArgPrefixes] = field(
         default_factory=EpisodeOptions
     )
@@ -133,7 +121,7 @@ class Run(Command):
         from cosim.simulation.tasks import compile_kernels
         from fmus.build import identity_of_fmu
 
-        out, threads, record = self.out, workers(self.jobs), self.physics.record
+        out, threads, record = self.out, opt.workers(self.jobs), self.physics.record
         assert out is not None
         written = 0 if record == "none" else self.episodes
         if more := sorted((out / "episodes").glob("ep_*.rrd"))[written:]:
@@ -234,12 +222,13 @@ class Replay(Command):
 
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING.rrd")]
     """Recording of an episode."""
-    policy: File | None = None
+    policy: opt.File | None = None
     """Policy of the run; by default policy.npz in the folder above that of the recording."""
-    motor_fmu: MotorFmuFile = None
+    motor_fmu: opt.MotorFmuFile = None
 
     def run(self, progress: Progress) -> Output:
         from agent.policies import load_policy
+        from analysis.compare import find_differences, series_of
         from cosim.base.provenance import versions
         from cosim.base.reading import parsing
         from cosim.coupling.rl_step import sampled_of
@@ -276,10 +265,10 @@ class Replay(Command):
         replayed = read_chunks(kept.chunks, data.recording_id)
         now = versions()
         changed = {k: (v, now.get(k, "")) for k, v in then.items() if v != now.get(k)}
-        differences = _differences(data, replayed)
-        signals, values = _series(data), sum(v.size for _, v in _series(data).values())
+        differences = find_differences(data, replayed)
+        signals, values = series_of(data), sum(v.size for _, v in series_of(data).values())
         ended = "" if data.complete else " as far as the recording goes, which is not complete"
-        count = len(signals | _series(replayed))
+        count = len(signals | series_of(replayed))
         return Output(
             {
                 "recording": str(data.path),
@@ -301,40 +290,3 @@ class Replay(Command):
             f"bit{ended}",
             failed=bool(differences),
         )
-
-
-_NONE = (np.empty(0), np.empty(0))
-
-
-def _differences(recorded: "RecordingData", replayed: "RecordingData") -> dict[str, float | None]:
-    """Return the time from which on signals differ, by name; None if one of them lacks samples."""
-    series, found = [_series(data) for data in (recorded, replayed)], {}
-    for name in sorted(series[0] | series[1]):
-        was, now = (signals.get(name, _NONE) for signals in series)
-        if not recorded.complete:
-            now = tuple(part[: len(was[0])] for part in now)
-        at = _first_difference(was, now)
-        if at is not None:
-            found[name] = float(was[0][at]) if at < min(len(was[0]), len(now[0])) else None
-    return found
-
-
-def _series(data: "RecordingData") -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Times and values of all signals and texts."""
-    found = {name: (signal.time_s, signal.values) for name, signal in data.signals.items()}
-    return found | {name: (t.time_s, np.array(t.texts)) for name, t in data.texts.items()}
-
-
-def _first_difference(was: tuple[np.ndarray, ...], now: tuple[np.ndarray, ...]) -> int | None:
-    """Index of the first sample that is not the same bits; None if all are."""
-    count = min(len(was[0]), len(now[0]))
-    equal = np.full(count, fill_value=True)
-    for a, b in zip(was, now, strict=True):
-        if a.shape[1:] != b.shape[1:]:
-            return 0
-        if a.dtype == b.dtype == np.float64:  # NaN is equal to itself, and 0 not to −0
-            a, b = (np.ascontiguousarray(part).view(np.int64) for part in (a, b))  # noqa: PLW2901
-        equal &= (a[:count] == b[:count]).reshape(count, math.prod(a.shape[1:])).all(axis=1)
-    if not equal.all():
-        return int(equal.argmin())
-    return None if len(was[0]) == len(now[0]) else count
