@@ -295,7 +295,7 @@ class CoSimConfig:
     def _declared(self) -> dict[str, Leaf]:
         """Return every parameter by its name, with the sources of defaults; values as in JSON."""
         tables: dict[str, Any] = {part: getattr(self, part) or SHIELD for part in _RECORDS}
-        tables |= {"world": self.world.filled(), "world.sensor": self.world.camera, "": self}
+        tables |= {"world": self.world, "world.sensor": self.world.camera, "": self}
         rows = {
             parameter_name(table, n): Leaf(f"{table}.{n}".removeprefix("."), value, quantity)
             for table, record in tables.items()
@@ -306,8 +306,8 @@ class CoSimConfig:
             rows.setdefault(name, Leaf(f"motor_parameters.{name}", value, quantity))
         changed = {"open_loop": " ".join(self.open_loop), "shield": bool(self.shield)}
         for name, leaf in rows.items():
-            value = msgspec.json.encode(changed.get(name, leaf.value))
-            rows[name] = leaf._replace(value=msgspec.json.decode(value))
+            value = changed.get(name, 0.0 if leaf.value is None else leaf.value)
+            rows[name] = leaf._replace(value=msgspec.json.decode(msgspec.json.encode(value)))
         return rows
 
 

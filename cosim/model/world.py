@@ -165,15 +165,6 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The camera; exact poses where nothing is said of one."""
         return self.sensor or _NO_CAMERA
 
-    def filled(self) -> "World":
-        """Return this world with ideal values for what a machine could have brought along."""
-        return msgspec.structs.replace(
-            self,
-            motor_spread=self.motor_spread or 0.0,
-            restitution=self.restitution or 0.0,
-            sensor=self.camera,
-        )
-
 
 IDEAL = World()  # the paper's
 
