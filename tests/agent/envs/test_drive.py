@@ -161,7 +161,7 @@ def test_other_numbers_of_boards_are_refused(kind, count):
         ({"mu": 0.2}, "worlds.mu = 0.2 is invalid"),
         ({"mu": (0.3, 0.1)}, "worlds.mu = .* must be ascending"),
         ({"mu": (-1.0, 0.1)}, "world.mu = -1"),
-        ({"motor_spread": ("a", 1)}, "worlds.motor_spread = "),
+        ({"motor_spread": ("a", 1)}, "worlds.motor_spread.* = "),
         ({"patches": -1}, "worlds.patches = -1"),
         ({"floor_tilt_deg": (0.0, 80.0)}, "floor_tilt_deg = 80"),
     ],
