@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import tyro
 
@@ -242,6 +242,17 @@ def options_of(
     return kind(**given)
 
 
+class Setup(NamedTuple):
+    """Everything that determines an episode but for its policy, start cells and seed.
+
+    The scenario has the obstacles of its world, the parameters are calibrated.
+    """
+
+    scenario: Scenario
+    config: CoSimConfig
+    fmu: Path
+
+
 def resolve(
     options: SimulationOptions,
     scenario: str | Path | Scenario,
@@ -249,17 +260,14 @@ def resolve(
     *,
     world: str | Path | World | Mapping[str, Any] | None = None,
     require: Callable[[Scenario], object] | None = None,
-) -> tuple[Scenario, CoSimConfig, Path]:
-    """Return everything that determines an episode but for its policy, start cells and seed.
+) -> Setup:
+    """Return the setup of a scenario under options.
 
     Args:
         world: file, record, or dict of its fields; by default that of the options, else that of the
             scenario file, else the paper's.
         require: refuses scenarios, for example those that a policy was not trained on, before
             anything is measured.
-
-    Returns:
-        The scenario with the obstacles of its world, all parameters, calibrated, and the motor FMU.
     """
     given = options.world if world is None else world
     scenario, world = find_in_world(scenario, given)
@@ -268,4 +276,4 @@ def resolve(
         require(scenario)
     name = Path(given).stem if isinstance(given, str | Path) else f"of scenario {scenario.name}"
     source = f"world {name}" if given is None or isinstance(given, str | Path) else "world"
-    return scenario, *options.prepare(scenario.diameter_m, progress, world, source)
+    return Setup(scenario, *options.prepare(scenario.diameter_m, progress, world, source))
