@@ -8,7 +8,7 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-from cosim.model.built_in import PAPER
+from cosim.model.scenario_file import PAPER, find_scenario
 
 # Episodes of a scenario with paths in Fig. 9 or 12: the paper draws many of one robot on one
 # board, and few of a pair.
@@ -71,7 +71,7 @@ def episodes_of(scenario: str, method: str) -> str:
 
 
 def _episodes(scenario: str, method: str) -> Result:
-    folder, alone = f"episodes/{scenario}-{method}", PAPER[scenario].robots == 1
+    folder, alone = f"episodes/{scenario}-{method}", find_scenario(scenario).robots == 1
     title = f"scenario {scenario} co-simulated, method {method} (Fig. {9 if alone else 12})"
     count = str(SINGLE_EPISODES if alone else PAIR_EPISODES)
     arguments = ("--scenario", scenario, "--method", method, "--episodes", count, "--jobs", "2")

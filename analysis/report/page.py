@@ -23,8 +23,8 @@ from analysis.timings import TimingsFile, read_timings
 from cosim.base.errors import FileError, UserError
 from cosim.base.provenance import versions
 from cosim.base.storage import replacing, write_whole
-from cosim.model.built_in import PAPER
 from cosim.model.params import SPEED_NOISE, TABLE_I, TIMING
+from cosim.model.scenario_file import find_scenario
 
 PAGE = "index.html"
 
@@ -115,7 +115,7 @@ def not_drawn(figures: Path, results: Path, timings: TimingsFile | None) -> dict
 
 def _facts() -> dict[str, str]:
     """Numbers in the text and the diagram."""
-    scenario = PAPER["2"]
+    scenario = find_scenario("2")
     numbers = {
         "diameter_cm": 100.0 * TABLE_I.diameter_m,
         "board_cm": 100.0 * scenario.columns * scenario.cell_m,

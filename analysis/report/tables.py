@@ -15,9 +15,9 @@ from analysis.reading.results import DRIVEN_BY, RESULTS, episodes_of
 from analysis.reading.written import read_experiment, read_run, read_transfer
 from analysis.timings import TimingsFile
 from cosim.base.table import field
-from cosim.model.built_in import PAPER
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import ENDS
+from cosim.model.scenario_file import PAPER
 
 # Column, measure of `agent.mdp.exact`, digits, factor, unit.
 _MEASURES = (

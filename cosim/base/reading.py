@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from cosim.base.errors import FileError
+from cosim.base.errors import FileError, UserError
 
 _OTHER_THAN_FILES = {
     stat.S_IFDIR: "folder",
@@ -89,6 +89,15 @@ def parsing(path: Path, kind: Kind) -> Iterator[None]:
     except Exception as error:
         reason = f"lacks {error}" if isinstance(error, KeyError) else error or type(error).__name__
         raise FileError(f"{path}: not a {kind.name} or damaged ({reason}); {kind.fix}") from error
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name the file in messages about what it says."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
 
 
 def read_bytes(path: Path, kind: Kind) -> bytes:

@@ -60,6 +60,9 @@ class Run(Command):
     """Trained policy to use instead of training: a file (policy.npz)."""
     no_record: bool = False
     """Short for --record none."""
+    show_config: bool = False
+    """Print every parameter of the episodes with its unit and source, a line each, and end: no
+    episode is simulated."""
     live: bool = False
     """Send recorded data to a running Rerun viewer too, while the episodes run."""
     spawn: bool = False
@@ -118,6 +121,9 @@ class Run(Command):
                 "choose another --out, or remove it"
             )
         scenario, config, fmu = resolve(self.physics, self.scenario, progress)
+        if self.show_config:
+            leaves = with_bursts(config, record).leaves().values()
+            return Output({leaf.path: leaf.table() for leaf in leaves}, *map(str, leaves))
         viewer = None
         if self.spawn:
             viewer = spawn_viewer(self.viewer)

@@ -219,9 +219,9 @@ class MovePlatform(Command):
         from cosim.base.storage import require_suffix
         from cosim.machine.platform.motion import move_platforms
 
-        out, preset = require_suffix(self.out, ".npz"), find_preset(self.preset)
-        robot = preset.robot if self.mu is None else preset.robot._replace(mu=self.mu)
-        result = move_platforms(self.cycles, self.omega, robot, preset.motor)
+        out = require_suffix(self.out, ".npz")
+        config = find_preset(self.preset).config().having("given", mu=self.mu)
+        result = move_platforms(self.cycles, self.omega, config.robot, config.motor)
         result.save(out)
         table, motions = result.table, {"paper": result.paper, "table_ii": result.table_ii}
         names = ("mu", "omega_rad_s", "net_speed_m_s")

@@ -144,7 +144,7 @@ def preset_of(path: Path) -> None:
     preset, again = find_preset(path), path.with_name("again.toml")
     preset.config().sized(0.05)
     preset.save(again)
-    assert find_preset(again).robot == preset.robot
+    assert find_preset(again).tree == preset.tree
 
 
 def settings_of(path: Path) -> None:

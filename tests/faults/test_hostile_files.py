@@ -148,7 +148,7 @@ CROWD = "".join(
 SPLINTERS = ",".join(f"[{x}, {y}]" for x in range(0, 500, 2) for y in range(9, 499, 2))
 SCENARIOS: dict[str, tuple[Content, str]] = {
     "a board of a million cells": ("columns = 1000\nrows = 1000\n" + ROBOT, "<= 500"),
-    "ten thousand robots": (ROBOT * 10**4, r"robots: expected 'array' of length <= 4096"),
+    "ten thousand robots": (ROBOT * 10**4, "expected array of length <= 4096"),
     "robots in a heap": (
         LARGE + "robot_diameter_m = 0.01\n" + CROWD, "hardly any combination of starts"
     ),
@@ -171,8 +171,8 @@ SCENARIOS: dict[str, tuple[Content, str]] = {
     "tiny cells": ("cell_m = 1e-4\nrobot_diameter_m = 1e-4\n" + ROBOT, "distance_limit_m"),
     "a number of a thousand digits": (f"rows = {'9' * 1000}\n" + ROBOT, "rows"),
     "a number of ten thousand digits": (f"rows = {'9' * 10**4}\n" + ROBOT, "TOML"),
-    "an unknown key": ("colour = 1\n" + ROBOT, "unknown field 'colour'"),
-    "another type": ('rows = "many"\n' + ROBOT, "rows: expected 'int | null'"),
+    "an unknown key": ("colour = 1\n" + ROBOT, "colour is unknown"),
+    "another type": ('rows = "many"\n' + ROBOT, "rows = .many. is invalid"),
     "arrays without end": ("a = " + "[" * 10**5, "TOML"),
     "a key of twenty thousand parts": (
         f"rows = 9\n{DEEP} = 1\n" + ROBOT, "line 2 has a key of more than 32 parts"
@@ -191,21 +191,21 @@ WORLDS: dict[str, tuple[Content, str]] = {
     "obstacles off the board": ("[world]\nobstacles = [[-5, 0]]", "off the 30 x 30"),
     "a thousand patches and one": (
         f"[world]\nmu_patches = [{'{cells=[0,0,1,1],mu=0.1},' * 1001}]",
-        "has 1001 patches, more than 1000",
+        "expected array of length <= 1000",
     ),
-    "infinite friction": ("[world]\nmu = inf", "mu = inf is not usable"),
+    "infinite friction": ("[world]\nmu = inf", "mu = inf is invalid"),
     "a load of no number": ("[world]\npayload_g = nan", "payload_g"),
-    "an unknown key": ("[world]\ngravity = 1", "unknown field 'gravity'"),
+    "an unknown key": ("[world]\ngravity = 1", "world.gravity is unknown"),
     "another type": ("[world]\nmu = [1]", r"world\.mu"),
 }  # fmt: skip
 PRESETS: dict[str, tuple[Content, str]] = {
     "an unknown key": ("[robot]\ncolour = 1", "robot.colour is unknown"),
-    "another type": ('[motor]\nJ = "much"', "is not a number"),
-    "an infinite mass": ("[robot]\nmass_kg = inf", "mass_kg = inf must be finite"),
+    "another type": ('[motor]\nJ = "much"', "J = 'much' is invalid"),
+    "an infinite mass": ("[robot]\nmass_kg = inf", "mass_kg = inf is invalid"),
     "a mass beyond all floats": (f"[robot]\nmass_kg = 0x{'f' * 400}", "mass_kg"),
     "a robot of nothing": ("[robot]\ndiameter_m = 1e-320", "diameter_m"),
     "a heavy robot": ("[robot]\nmass_kg = 1e300", "mass_kg"),
-    "a date": ("[robot]\nmass_kg = 2001-01-01", "is not a number"),
+    "a date": ("[robot]\nmass_kg = 2001-01-01", "mass_kg = .* is invalid"),
 }
 LONG = "[learning]\nepisodes = 1000000000\n"
 SETTINGS: dict[str, tuple[Content, str]] = {

@@ -23,9 +23,9 @@ from cosim.machine.identification.simulated import (
     motor_speeds,
 )
 from cosim.machine.identification.track import SeenTrack
+from cosim.model.config import UNKNOWN as UNKNOWN_SOURCE
 from cosim.model.config import CoSimConfig
 from cosim.model.preset import Preset
-from cosim.model.world import Sensor
 
 PRESET_FILE, DRAWING_FILE = "preset.toml", "tracks.svg"
 MOST_SPREAD = 0.3  # of motors in a preset
@@ -114,7 +114,6 @@ def identify(
         out: folder.
     """
     config = with_motor(config, fmu)
-    preset = preset._replace(motor=config.motor, sources=dict(config.sources))
     set_points = track.set_points(config.timing.control_period_s)
     progress("turning the motors", 0, None)
     speeds, smooth = (
@@ -147,43 +146,44 @@ def identify(
         evaluations=found.evaluations,
     )
     write_json(out / "identification.json", report)
-    _preset(track, name, preset, found).save(out / PRESET_FILE)
+    _preset(track, name, preset, config, found).save(out / PRESET_FILE)
     with replacing(out / DRAWING_FILE) as temporary:
         _draw(track, found).savefig(temporary, format="svg", metadata={"Date": None})
     write_whole(out / "report.md", _text(report))
     return report
 
 
-def _preset(track: SeenTrack, name: str, preset: Preset, found: Fit) -> Preset:
+def _preset(track: SeenTrack, name: str, preset: Preset, config: CoSimConfig, found: Fit) -> Preset:
     """The machine, with the mean of both motors, and their difference as the motors' spread."""
-    robot, motor_d, motor_e = machine(found.values, preset.robot, preset.motor)
+    robot, motor_d, motor_e = machine(found.values, config.robot, config.motor)
     mean = 0.5 * (motor_d.r + motor_e.r)
     # standard deviation of the two
     spread = min(abs(motor_d.r - motor_e.r) / (2.0**0.5 * mean), MOST_SPREAD)
-    sensor = Sensor(
-        rate_hz=round(float(1.0 / np.median(np.diff(track.times))), 3),
-        delay_ms=round(1e3 * float(found.values[-1]), 2),
-        position_noise_mm=round(1e3 * found.noise.position_m, 4),
-        heading_noise_deg=round(float(np.rad2deg(found.noise.heading_rad)), 4),
-    )
     where = f"identified from {name}"
     intervals = {
         p.name: f"{where}: 95 % within ± {QUANTILE * deviation * p.scale:.2g} {p.unit}".rstrip()
         for p, deviation in zip(PARAMETERS, found.deviations, strict=True)
     }
-    sources = dict(preset.sources) | {n: t for n, t in intervals.items() if n in robot._fields}
-    sources |= {
-        "r": f"{where}: mean of both motors' unbalance, over m",
-        "motor_spread": f"{where}: from the difference of the two motors",
-        "sensor_delay_ms": intervals["camera_delay_s"],
-        "sensor_rate_hz": where,
-        "sensor_position_noise_mm": where,
-        "sensor_heading_noise_deg": where,
+    tree = {n: leaf for n, leaf in preset.tree.items() if not n.startswith("sensor_")}
+    tree |= {
+        n: (getattr(config.motor, n), text)
+        for n, text in config.sources
+        if n in config.motor._fields and not text.startswith(UNKNOWN_SOURCE)
     }
-    world = msgspec.structs.replace(preset.world, motor_spread=round(spread, 4), sensor=sensor)
+    tree |= {n: (getattr(robot, n), t) for n, t in intervals.items() if n in robot._fields}
+    rate_hz = round(float(1.0 / np.median(np.diff(track.times))), 3)
+    delay_ms = round(1e3 * float(found.values[-1]), 2)
+    heading_deg = round(float(np.rad2deg(found.noise.heading_rad)), 4)
+    tree |= {
+        "r": (mean, f"{where}: mean of both motors' unbalance, over m"),
+        "motor_spread": (round(spread, 4), f"{where}: from the difference of the two motors"),
+        "sensor_rate_hz": (rate_hz, where),
+        "sensor_delay_ms": (delay_ms, intervals["camera_delay_s"]),
+        "sensor_position_noise_mm": (round(1e3 * found.noise.position_m, 4), where),
+        "sensor_heading_noise_deg": (heading_deg, where),
+    }
     source = f"Identified from {name}; all else is of the preset {preset.name}."
-    motor = preset.motor._replace(r=mean)
-    return Preset(Path(PRESET_FILE).stem, source, robot, motor, world, sources)
+    return Preset(Path(PRESET_FILE).stem, source, tree)
 
 
 def _text(report: Identification) -> str:
