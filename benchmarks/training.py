@@ -16,7 +16,7 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
 from agent.training.learning import build_learning, initial_state
 from agent.training.qlearning import advance
-from agent.training.runs import Experiment, train_runs
+from agent.training.runs import Experiment, make_runs
 from agent.training.settings import LearningConfig
 from benchmarks.timing import best_s
 from cosim.base.jobs import Workers
@@ -97,5 +97,5 @@ def seconds_of_all() -> float:
     with tempfile.TemporaryDirectory() as folder:
         for name, scenario in PAPER.items():
             experiment = Experiment(scenario, ProcessConfig(), SECTION_V, seed=0, runs=20)
-            train_runs(experiment, Path(folder) / name, where=Workers(backend="threads"))
+            make_runs(experiment, Path(folder) / name, where=Workers(backend="threads"))
     return time.perf_counter() - began

@@ -73,6 +73,9 @@ BudgetMinutes = Annotated[
 ]
 File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
 Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
+MethodName = Annotated[
+    str, tyro.conf.arg(metavar="{paper,moves,shortest,fastest,planned,MODULE:NAME}")
+]
 ScenarioName = Annotated[
     str,
     tyro.conf.arg(

@@ -10,7 +10,7 @@ from msgspec import to_builtins
 from msgspec.structs import asdict
 
 from agent.mdp.greedy import GreedyPolicy
-from agent.policies import load_policy
+from agent.training.policy import load_policy
 from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of

@@ -5,9 +5,10 @@ features are those of `agent.mdp.grid`, so that policies act in the dynamics as 
 """
 
 from abc import ABC, abstractmethod
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -28,11 +29,11 @@ from agent.mdp.grid import (
 )
 from agent.mdp.joint import IMPOSSIBLE
 from agent.mdp.readings import Process, build_process
-from agent.mdp.rewards import DrivenStep, reward_parts
+from agent.mdp.rewards import reward_parts
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
 from cosim.base.storage import json_text, named, replacing, write_json
-from cosim.coupling.rl_step import Decision
+from cosim.coupling.rl_step import Decision, Step
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
@@ -90,10 +91,12 @@ class GreedyPolicy(ABC):
     """Robots choose the largest of their action values.
 
     Attributes:
-        config: what it was trained with; has `scenario`, `process` and `seed`.
+        kind: of its file.
+        config: what it was trained with; has `scenario`, `process`, `seed` and `method`.
         episodes: episodes trained.
     """
 
+    kind: ClassVar[str]
     config: Any
     episodes: int
 
@@ -112,7 +115,7 @@ class GreedyPolicy(ABC):
 
     @abstractmethod
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """Greedy episodes on the grid, see `agent.mdp.exact.evaluate`."""
+        """Greedy episodes on the grid from (K, N, 2) starts, see `agent.mdp.exact.evaluate`."""
 
     @abstractmethod
     def digest(self) -> str:
@@ -123,8 +126,19 @@ class GreedyPolicy(ABC):
         """Return what each robot thinks of the cells of the board, for pictures."""
 
     @abstractmethod
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Return what its file holds in addition to the configuration, by name."""
+    def fits(self) -> bool:
+        """Return whether its arrays are those of a policy with its configuration."""
+
+    @classmethod
+    def array_names(cls) -> list[str]:
+        """Names of what its file holds in addition to the configuration."""
+        names = [field.name for field in fields(cls)]  # pyright: ignore[reportArgumentType]
+        return [name for name in names if name not in {"config", "episodes"}]
+
+    def __repr__(self) -> str:
+        made = f"{self.episodes} episodes" if self.episodes else self.config.method
+        on = "on moves" if self.config.moves else "on the grid"
+        return f"{type(self).__name__}(scenario {self.config.scenario.name}, {made} {on})"
 
     def save(self, path: Path | str) -> None:
         """Write `path` (.npz) and its configuration next to it (.json), each whole or not at all.
@@ -134,11 +148,12 @@ class GreedyPolicy(ABC):
             OSError: the folder cannot be written.
         """
         path = named(path, ".npz")
-        facts = {"scenario_digest": self.config.scenario.digest(), "episodes": self.episodes}
+        digest = self.config.scenario.digest()
+        facts = {"kind": self.kind, "scenario_digest": digest, "episodes": self.episodes}
         description = msgspec.to_builtins(self.config) | facts
         write_json(path.with_suffix(".json"), description)
         with replacing(path) as temporary, temporary.open("wb") as file:
-            arrays: dict[str, Any] = self.arrays()
+            arrays: dict[str, Any] = {name: getattr(self, name) for name in self.array_names()}
             np.savez_compressed(
                 file, **arrays, config=np.frombuffer(json_text(description), dtype=np.uint8)
             )
@@ -154,10 +169,10 @@ class GreedyPolicy(ABC):
         facing = np.ascontiguousarray(observation.direction, np.int64)
         values = self.q_values(observation)
         shown = np.where(values > 0.5 * IMPOSSIBLE, values, np.nan)
-        unit = _UNITS.get(getattr(self.config, "objective", None) or "", "1")
+        unit = _UNITS.get(getattr(self.config, "method", ""), "1")
         return Decision(greedy(values, facing), shown, unit)
 
-    def reward_parts(self, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
+    def reward_parts(self, step: Step, arrived: np.ndarray) -> np.ndarray:
         """(N, 3) float64, reward of a co-simulated step by parts, see `agent.mdp.rewards`."""
         return reward_parts(self.process, step, arrived)
 

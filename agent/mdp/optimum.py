@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import label
 
-from agent.mdp.config import Computed
 from agent.mdp.exact import Evaluation, joint_starts
 from agent.mdp.grid import SQRT_2
 from agent.mdp.joint import (
@@ -155,12 +154,11 @@ def require_paths(process: Process, costs: np.ndarray, *, alone: bool = False) -
         )
 
 
-def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, np.ndarray]:
-    """Tables by which robots move, from wherever they are, without having learnt.
+def computed_tables(process: Process) -> tuple[np.ndarray, np.ndarray]:
+    """Tables of the shortest paths of one robot, or of two together, from wherever they are.
 
     Args:
         process: of one robot with features x and y, or of two with x, y and p.
-        objective: the optimum of one robot, or of two together, by path length.
 
     Returns:
         Action values (N, states, 8) float32, minus the least cost that a move leads to, and (N,
@@ -175,7 +173,7 @@ def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, 
     if bound.relaxed:
         cells = (columns - 2) * (rows - 2)
         raise UserError(
-            f"{objective} joint paths of {robots} robots on {cells} cells are too large to "
+            f"shortest joint paths of {robots} robots on {cells} cells are too large to "
             f"compute; the limit is one robot, or two with {MAX_JOINT_STATES:,} joint states (here "
             f"{cells**robots:,}); choose another method, or a smaller scenario"
         )

@@ -111,7 +111,7 @@ def _changed(given: Any, default: Any) -> Iterator[str]:
 
 def _on_grid(policies: tuple[str, ...]) -> Iterator[Any]:
     from agent.evaluation.grid import policy_files, report_of, show
-    from agent.policies import load_policy
+    from agent.training.policy import load_policy
 
     paths = policy_files(tuple(map(Path, policies)))
     report = report_of((str(path), load_policy(path)) for path in paths)

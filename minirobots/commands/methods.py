@@ -16,9 +16,9 @@ class Methods(CommandOptions):
 
 def run(options: Methods, _: Progress) -> Iterator[Any]:
     """Print a row for each method."""
-    from agent.training.settings import FACTS
+    from agent.training.methods import METHODS
     from cosim.base.table import show_texts
 
-    rows = [{"method": method, **facts._asdict()} for method, facts in FACTS.items()]
+    rows = [{"method": name, **method.facts} for name, method in METHODS.items()]
     yield {"methods": rows}
     show_texts(tuple(rows[0]), [tuple(row.values()) for row in rows])

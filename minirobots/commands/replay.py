@@ -74,7 +74,7 @@ def run(options: Replay, progress: Progress) -> Iterator[Comparison]:
         ConfigError: it was recorded with another motor FMU.
         UserError: of the policy or the FMU.
     """
-    from agent.policies import load_policy
+    from agent.training.policy import load_policy
     from cosim.base.provenance import versions
     from cosim.base.reading import parsing
     from cosim.coupling.rl_step import sampled_of

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from agent.study.axes import AXES, Axis
-from agent.training.settings import COMPARED, Method
+from agent.training.settings import COMPARED, MethodName
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError, require_one_of
 from cosim.model.scenario_file import ROUGH, find_scenario, read_world
@@ -36,7 +36,7 @@ class Robustness(Distributed, Resumable):
     docs/robustness.md."""
     axes: tuple[Axis, ...] = AXES
     """Deviations from the ideal to measure, one at a time, and everything."""
-    methods: tuple[Method, ...] = COMPARED
+    methods: tuple[MethodName, ...] = COMPARED
     """Methods to measure, from the defaults; see `minirobots run --help`."""
     seed: Seed = 0
 

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from agent.training.settings import COMPUTED, Method
 from cosim.base.command import workers
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress, under_way
@@ -17,6 +16,7 @@ from minirobots.options import (
     Count,
     File,
     Jobs,
+    MethodName,
     NewFolder,
     NotNegative,
     ScenarioName,
@@ -47,7 +47,7 @@ class Run(NewFolder, Simulating):
     scenario: ScenarioName = "2"
     episodes: Count = 1
     """Episodes to co-simulate, each from start cells drawn with the seed."""
-    method: Method | None = None
+    method: MethodName | None = None
     """How agents learn: on the grid as in Section V (paper, the default for one robot or two on up
     to 1000 cells), or on moves observed in co-simulation (moves, the default with obstacles, for
     larger boards and for swarms). Or they are computed without learning: of one or two robots the
@@ -198,35 +198,34 @@ def run(options: Run, progress: Progress) -> Iterator[Any]:
 def _policy(
     options: Run, scenario: "Scenario", progress: Progress
 ) -> "tuple[GreedyPolicy, TrainingLog | None]":
-    from agent.method import best_method, method_policy
-    from agent.policies import load_policy
+    from agent.training.methods import best_method, find_method, method_config
+    from agent.training.policy import load_policy
+    from agent.training.store import find_or_make
 
     if options.policy is not None:
         return load_policy(options.policy, scenario), None
-    method = options.method or best_method(scenario)
-    if method in COMPUTED and (options.train_episodes or options.train_seed is not None):
+    method = find_method(options.method or best_method(scenario))
+    if method.compute and (options.train_episodes or options.train_seed is not None):
         raise ConfigError(
-            f"--train-episodes, --train-seed: method {method} is computed, not trained; leave them "
-            "out, or choose a method that learns, such as moves"
+            f"--train-episodes, --train-seed: method {method.name} is computed, not trained; leave "
+            "them out, or choose a method that learns, such as moves"
         )
-    policy, log, _ = method_policy(
+    config = method_config(
         method,
         scenario,
         options.train_seed or 0,
         episodes=options.train_episodes,
         motor_fmu=options.physics.motor_fmu,
         motor_parameters=options.physics.motor_parameters,
-        again=options.again,
         progress=progress,
     )
-    return policy, log
+    return find_or_make(config, again=options.again, progress=progress)[:2]
 
 
 def _facts(
     options: Run, scenario: "Scenario", policy: "GreedyPolicy", fmu: Path, driver: str
 ) -> "RunFacts":
     from agent.evaluation.series import RunFacts
-    from agent.policies import method_name
     from cosim.base.provenance import versions
     from fmus.build import identity_of_fmu
 
@@ -239,6 +238,6 @@ def _facts(
         driver=driver,
         motor_fmu=fmu.name,
         motor_fmu_digest=identity_of_fmu(fmu),
-        method=method_name(policy),
+        method=policy.config.method,
         versions=versions(),
     )

@@ -9,9 +9,10 @@ import tyro
 
 from agent.mdp.config import ProcessConfig
 from agent.training.settings import LearningConfig, read_settings
+from cosim.base.arguments import ConfigError
 from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress
-from minirobots.options import Count, File, NewFolder, ScenarioName, Seed
+from minirobots.options import Count, File, MethodName, NewFolder, ScenarioName, Seed
 
 
 class Train(NewFolder):
@@ -25,11 +26,15 @@ class Train(NewFolder):
     prefix: ClassVar[str] = "train-"
 
     scenario: ScenarioName = "4"
+    method: MethodName | None = None
+    """How agents learn: a method that learns, or one of yours (CONTRIBUTING.md); by default as in
+    Section V (paper), on moves if there is a file of them."""
     runs: Count = 1
     """Independent runs (the paper: 20)."""
     seed: Seed = 0
     config: File | None = None
-    """Settings file with tables [process] and [learning]; options given here override it."""
+    """Settings file with tables [process] and [learning] in place of those of the method; options
+    given here override it."""
     moves: File | None = None
     """Moves observed by `minirobots moves`: train on them instead of the grid."""
     where: Annotated[Workers, tyro.conf.OmitArgPrefixes] = PROCESSES
@@ -41,16 +46,20 @@ class Train(NewFolder):
 
     @classmethod
     def defaults(cls, arguments: list[str]) -> Self | None:
-        """Return the values of the settings file, which the command line overrides."""
-        config = None
-        for k, argument in enumerate(arguments):
-            name, _, value = argument.partition("=")
-            if name == "--config":
-                config = value or (arguments[k + 1] if k + 1 < len(arguments) else None)
-        if config is None:
-            return None
-        process, learning = read_settings(Path(config))
-        return cls(config=Path(config), process=process, learning=learning)
+        """Return the values of a settings file or a method, which the command line overrides."""
+        words = [word for argument in arguments for word in argument.split("=", 1)]
+        given = dict(zip(words, [*words[1:], ""], strict=True))
+        if config := given.get("--config"):
+            process, learning = read_settings(Path(config))
+            return cls(config=Path(config), process=process, learning=learning)
+        if method := given.get("--method"):
+            from agent.training.methods import find_method
+            from cosim.model.scenario_file import find_scenario
+
+            scenario = find_scenario(given.get("--scenario") or cls.scenario)
+            process, learning = find_method(method).settings(scenario)
+            return cls(process=process, learning=learning)
+        return None
 
 
 def run(options: Train, progress: Progress) -> Iterator[Any]:
@@ -58,17 +67,21 @@ def run(options: Train, progress: Progress) -> Iterator[Any]:
     from agent.evaluation.grid import show
     from agent.experiments.run import train_and_evaluate
     from agent.moves.model import ObservedMoves
+    from agent.training.methods import find_method, method_config
     from agent.training.runs import Experiment
     from cosim.model.scenario_file import find_scenario
 
+    scenario = find_scenario(options.scenario)
     moves = options.moves and ObservedMoves.load(options.moves)
+    method = find_method(options.method or ("moves" if moves else "paper"))
+    if method.compute is not None:
+        raise ConfigError(
+            f"--method {method.name}: it is computed, not trained; name a method that learns"
+        )
+    if options.method and method.through and moves is None:
+        moves = method_config(method, scenario, progress=progress).moves
     experiment = Experiment(
-        find_scenario(options.scenario),
-        options.process,
-        options.learning,
-        options.seed,
-        options.runs,
-        moves,
+        scenario, options.process, options.learning, options.seed, options.runs, moves, method.name
     )
     summary = train_and_evaluate(
         experiment,

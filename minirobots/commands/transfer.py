@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from agent.training.settings import COMPARED, Method
+from agent.training.settings import COMPARED, MethodName
 from cosim.base.progress import Progress
 from cosim.model.built_in import PAPER
 from cosim.model.config import ConfigError
@@ -28,7 +28,7 @@ class Transfer(Distributed, Resumable):
     budget_minutes: BudgetMinutes = None
     scenarios: tuple[str, ...] = tuple(PAPER)
     """Scenarios to measure, built in or files (.toml)."""
-    methods: tuple[Method, ...] = COMPARED
+    methods: tuple[MethodName, ...] = COMPARED
     """Methods to measure; see `minirobots run --help`."""
     seed: Seed = 0
 

@@ -22,9 +22,9 @@ from agent.moves.model import (
     build_model,
     move_kind,
 )
-from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
+from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import find_or_compute
+from agent.training.store import find_or_make
 from cosim.model.outcome import RUNNING, SUCCESS
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTIONS
@@ -88,8 +88,8 @@ def test_the_tables_of_the_fastest_lead_to_the_least_time():
     assert tables[0].max(axis=1)[decided[0]] == pytest.approx(-values.ravel()[decided[0]])
     assert not decided[0].reshape(6, 6, 4)[BOARD.targets[0]].any()
     features, none = ProcessConfig(features=("x", "y", "h")), LearningConfig()
-    config = PolicyConfig(BOARD, features, none, Seed(0), moves, objective="fastest")
-    policy, _ = find_or_compute(config, again=True)
+    config = PolicyConfig(BOARD, features, none, Seed(0), moves, method="fastest")
+    policy, *_ = find_or_make(config, again=True)
     assert isinstance(policy, Policy)
     seconds = mean_seconds(moves)
     for start in [(5, 0), (0, 5), (5, 5), (3, 1)]:
@@ -101,15 +101,6 @@ def test_the_tables_of_the_fastest_lead_to_the_least_time():
             taken += seconds[move_kind(direction, axis)]
             cell, axis = cell + DIRECTIONS[direction], direction % 4
         assert taken == pytest.approx(expected)
-
-
-def test_only_the_fastest_paths_know_of_moves():
-    features = ProcessConfig(features=("x", "y", "h"))
-    with pytest.raises(PolicyError, match="use observed moves; give some"):
-        PolicyConfig(BOARD, features, LearningConfig(), Seed(0), objective="fastest")
-    with pytest.raises(PolicyError, match="use observed moves; leave them out"):
-        moves = lasting(*SECONDS)
-        PolicyConfig(BOARD, features, LearningConfig(), Seed(0), moves, objective="shortest")
 
 
 def test_obstacles_are_gone_around():

@@ -3,7 +3,8 @@
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.training.settings import LearningConfig, SettingsError, read_settings
+from agent.training.settings import LearningConfig, read_settings
+from cosim.base.errors import UserError
 
 
 def test_given_fields_override_defaults(tmp_path):
@@ -21,19 +22,19 @@ def test_given_fields_override_defaults(tmp_path):
     [
         ("[proces]\n", "unknown table 'proces'"),
         ("[process]\nslip = 1\n", "unknown field process.slip"),
-        ('[learning]\neta = "big"\n', "learning.eta: Expected float, got str"),
-        ("[learning]\neta = 2.0\n", "eta = 2.0 is not allowed"),
-        ('[process]\nfeatures = ["q"]\n', r"process.features\[0\]"),
+        ('[learning]\neta = "big"\n', "learning: eta = .*xpected float, got str"),
+        ("[learning]\neta = 2.0\n", "eta = 2.0 is invalid: expected float <= 1.0"),
+        ('[process]\nfeatures = ["q"]\n', "process: features = "),
         ("[process\n", "not a TOML file"),
     ],
 )
 def test_wrong_files_are_refused(tmp_path, text, message):
     path = tmp_path / "s.toml"
     path.write_text(text)
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(UserError, match=message):
         read_settings(path)
 
 
 def test_missing_file(tmp_path):
-    with pytest.raises(SettingsError, match="no such settings file"):
+    with pytest.raises(UserError, match="no such settings file"):
         read_settings(tmp_path / "none.toml")
