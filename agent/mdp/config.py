@@ -73,11 +73,7 @@ class ProcessConfig:
 
 
 def check_fields(config: object, table: str, error: type[UserError]) -> None:
-    """Convert the fields of a table of settings to their declared types, within their limits.
-
-    Raises:
-        UserError: `error`, which names the table and the field that does not fit.
-    """
+    """Convert the fields of a table of settings to their declared types, within their limits."""
     for name, kind in get_type_hints(type(config), include_extras=True).items():
         value = taken(f"{table}: {name}", getattr(config, name), kind, error)
         object.__setattr__(config, name, value)
@@ -120,9 +116,6 @@ def refuse_without_effect(config: ProcessConfig, where: Where) -> None:
     Args:
         config: readings.
         where: the process is used.
-
-    Raises:
-        ScenarioError: names the reading.
     """
     for name, reason in _WITHOUT_EFFECT[where].items():
         value, default = getattr(config, name), getattr(ProcessConfig, name)

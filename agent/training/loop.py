@@ -85,11 +85,7 @@ class TrainingLog(NamedTuple):
 
     @classmethod
     def load(cls, path: Path) -> "TrainingLog":
-        """Read what `save` wrote.
-
-        Raises:
-            PolicyError: it is missing or damaged.
-        """
+        """Read what `save` wrote."""
         return cls(**read_arrays(path, _FILE, cls._fields))
 
 
@@ -117,10 +113,6 @@ def learn(config: PolicyConfig, progress: Progress = silent) -> tuple[Policy, Tr
     Args:
         config: of the run.
         progress: receives the episodes done after every chunk.
-
-    Raises:
-        UserError: the scenario cannot be used with these interpretations, or a robot has a start
-            without a path to its target.
     """
     numbers = config.learning
     process, model = build_process(config.scenario, config.process), move_model(config)

@@ -25,8 +25,8 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.readings import Process, build_process
 from agent.moves import group, pair
-from agent.moves.bound import fastest_tables
 from agent.moves.observe import cached_moves
+from agent.moves.times import fastest_tables
 from agent.moves.worlds import WorldRange, checked_ranges
 from agent.training.policy import (
     GroupPolicy,
@@ -214,11 +214,7 @@ def _registered(function: Callable, **fields: Any) -> Method:
 
 
 def imported(name: str) -> Any:
-    """Return the object "module:Name" of the folder that the command runs in, or an installed one.
-
-    Raises:
-        Exception: whatever the module raises.
-    """
+    """Return the object "module:Name", of this folder or an installed module."""
     module, _, attribute = name.partition(":")
     if str(Path.cwd()) not in sys.path:
         sys.path.append(str(Path.cwd()))
@@ -226,11 +222,7 @@ def imported(name: str) -> Any:
 
 
 def find_method(name: "str | Method") -> Method:
-    """Return a method by its name, which may be the "module:function" of a user.
-
-    Raises:
-        ConfigError: there is none of that name.
-    """
+    """Return a method by its name, which may be the "module:function" of a user."""
     if isinstance(name, Method):
         return name
     if name not in METHODS and ":" in name:
@@ -272,7 +264,7 @@ def method_config(
     worlds: WorldRange | None = None,
     progress: Progress = silent,
 ) -> PolicyConfig:
-    """Configuration of a method for a scenario; "moves" may have to observe moves first.
+    """Configuration of a method for a scenario; moves may have to be observed first.
 
     Args:
         method: or its name.
@@ -283,10 +275,6 @@ def method_config(
         motor_parameters: of the motor FMU, set through FMI while moves are observed.
         worlds: ranges of the worlds that moves are observed in; by default that of the paper.
         progress: receives what is calibrated and observed.
-
-    Raises:
-        UserError: the method is unknown, cannot drive so many robots, or an argument has no effect
-            on it; or moves cannot be observed.
     """
     method = find_method(method)
     for name, value, used in (

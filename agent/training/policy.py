@@ -27,10 +27,10 @@ from agent.moves.pair import (
     UNREACHABLE,
     PairTimes,
     evaluate_pair,
-    moves_of_pair,
     pair_values,
     solve_pair,
 )
+from agent.moves.times import Board, board_of, least_times
 from agent.training.learning import VERSION
 from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
@@ -71,10 +71,6 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     With moves it was trained on these, without on the grid. Its kernel version names the version
     of what made it.
-
-    Raises:
-        ScenarioError: an interpretation of the process has no effect on what it is trained on, or
-            the moves were observed on cells of another size.
     """
 
     scenario: Scenario
@@ -135,11 +131,7 @@ class Policy(GreedyPolicy):
         return self.q.mean(axis=0) if len(self.q) > 1 else self.q[0]
 
     def states(self, observation: Observation) -> np.ndarray:
-        """(N,) int64, row of each robot's table for an observation.
-
-        Raises:
-            ValueError: a cell is off the board, or the number of robots differs.
-        """
+        """(N,) int64, row of each robot's table for an observation."""
         seen = self.seen(observation)
         _, states = on_grid(self.process, seen)
         if states[0] < 0:
@@ -201,11 +193,7 @@ class _OnTimes(GreedyPolicy):
     config: PolicyConfig
 
     def numbered(self, observation: Observation) -> np.ndarray:
-        """(3, N) int64, numbers of the robots' cells and goals, and the axes that they face.
-
-        Raises:
-            ValueError: a cell is off the board, or the number of robots differs.
-        """
+        """(3, N) int64, numbers of the robots' cells and goals, and the axes that they face."""
         seen, scenario = self.seen(observation), self.config.scenario
         size = np.array((scenario.columns, scenario.rows))
         if ((seen.cells < 0) | (seen.cells >= size)).any():
@@ -214,16 +202,14 @@ class _OnTimes(GreedyPolicy):
         goals = seen.goals.clip(0, size - 1) @ (scenario.rows, 1) if len(seen.goals) else cells
         return np.stack([cells, goals, seen.direction % AXIS_COUNT])
 
-    def alone_maps(
-        self, after: np.ndarray, seconds: np.ndarray, alone: np.ndarray
-    ) -> list[PolicyMap]:
+    def alone_maps(self, board: Board, alone: np.ndarray) -> list[PolicyMap]:
         """Maps of each robot as if alone: minus its least time, the direction that leads to it."""
         scenario = self.config.scenario
         shape, axes = (scenario.columns, scenario.rows), np.arange(DIRECTION_COUNT) % AXIS_COUNT
         found = []
-        for own_after, own in zip(after, alone, strict=True):
+        for own_after, own in zip(board.after, alone, strict=True):
             rest = np.where(own_after == BLOCKED, np.inf, own[own_after, axes])
-            action = (seconds[:, STARTING_AXIS] + rest).argmin(axis=1)
+            action = (board.seconds[:, STARTING_AXIS] + rest).argmin(axis=1)
             value = -own[:, STARTING_AXIS]
             reached = np.isfinite(value) & (value < 0.0)
             layers = np.where(reached, value, 0.0), action, reached.astype(float)
@@ -248,12 +234,7 @@ class PairPolicy(_OnTimes):
 
     @classmethod
     def computed(cls, config: PolicyConfig) -> "PairPolicy":
-        """Compute the policy of a configuration; some seconds, and some 200 MB meanwhile.
-
-        Raises:
-            MovesError: not every kind of move was observed.
-            UserError: there is a start without a path to the targets.
-        """
+        """Compute the policy of a configuration; some seconds, and some 200 MB meanwhile."""
         assert config.moves is not None
         process = build_process(config.scenario, config.process)
         delay = solve_pair(process, config.moves).delay
@@ -265,7 +246,8 @@ class PairPolicy(_OnTimes):
     def times(self) -> PairTimes:
         """Return what moves are chosen by."""
         assert self.config.moves is not None
-        return moves_of_pair(self.process, self.config.moves)._replace(delay=self.delay)
+        board = board_of(self.process, self.config.moves)
+        return PairTimes(board, least_times(self.process, self.config.moves), self.delay)
 
     def q_values(self, observation: Observation) -> np.ndarray:
         """(2, 8) float32, minus the time in s of both robots if the other does what is best."""
@@ -281,11 +263,11 @@ class PairPolicy(_OnTimes):
 
     def digest(self) -> str:
         """Hash (16 hex digits) of the readings of the process and of all times."""
-        return digest_of(self.config.process, *self.times)
+        return digest_of(self.config.process, *self.times.board, *self.times[1:])
 
     def maps(self) -> list[PolicyMap]:
         """See `GreedyPolicy.maps`."""
-        return self.alone_maps(self.times.after, self.times.seconds, self.times.alone)
+        return self.alone_maps(self.times.board, self.times.alone)
 
     def fits(self) -> bool:
         """See `GreedyPolicy.fits`."""
@@ -315,12 +297,7 @@ class GroupPolicy(_OnTimes):
 
     @classmethod
     def computed(cls, config: PolicyConfig) -> "GroupPolicy":
-        """Return the policy of a configuration.
-
-        Raises:
-            MovesError: not every kind of move was observed.
-            UserError: there are too many robots, or a start without a path to its target.
-        """
+        """Return the policy of a configuration."""
         scenario = config.scenario
         if not can_plan(scenario):
             robots, cells = scenario.robots, scenario.columns * scenario.rows
@@ -370,23 +347,20 @@ class GroupPolicy(_OnTimes):
 
     def digest(self) -> str:
         """Hash (16 hex digits) of the readings, of the version, and of what plans are made by."""
-        return digest_of(self.config.process, self.config.kernel_version, *self.group)
+        return digest_of(
+            self.config.process, self.config.kernel_version, *self.group.board, *self.group[1:]
+        )
 
     def maps(self) -> list[PolicyMap]:
         """See `GreedyPolicy.maps`."""
-        alone = self.group.around[:, 0].astype(float)
-        return self.alone_maps(self.group.after, self.group.seconds, alone)
+        return self.alone_maps(self.group.board, self.group.around[:, 0].astype(float))
 
 
 _KINDS = {kind.kind: kind for kind in (Policy, PairPolicy, GroupPolicy)}
 
 
 def load_policy(path: Path | str, scenario: Scenario | None = None) -> Any:
-    """Return the policy of a file, of any kind; with `scenario`, only if it has that geometry.
-
-    Raises:
-        PolicyError: no such file, not a policy, damaged, another schema, or another scenario.
-    """
+    """Return the policy of a file, of any kind; with `scenario`, only if it has that geometry."""
     path = Path(path)
     text = read_arrays(path, _FILE, ("config",))["config"].tobytes()
     with parsing(path, _CONFIG):

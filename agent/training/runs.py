@@ -84,11 +84,6 @@ def make_runs(
 
     Returns:
         Policies and learning curves of all runs in their order.
-
-    Raises:
-        UserError: the folder belongs to another configuration, or has runs of another version; the
-            scenario cannot be used with these readings, or the backend.
-        OSError: the folder cannot be written.
     """
     out = out.absolute()
     build_process(experiment.scenario, experiment.process)  # refuse here, not in every worker

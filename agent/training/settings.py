@@ -94,11 +94,7 @@ _FILE = Kind("settings file", "check the path", UserError)
 
 
 def read_settings(path: Path) -> tuple[ProcessConfig, LearningConfig]:
-    """Decision process and learning configuration of a TOML file; what it leaves out is default.
-
-    Raises:
-        UserError: the file is missing, no TOML, or a field is unknown or wrong.
-    """
+    """Decision process and learning configuration of a TOML file; what it leaves out is default."""
     content = read_toml(path, _FILE)
     if unknown := set(content) - {"process", "learning"}:
         raise UserError(f"{path}: unknown table '{min(unknown)}'; use [process] and [learning]")

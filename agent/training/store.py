@@ -57,11 +57,6 @@ def find_or_make(
 
     Returns:
         The policy, its `TrainingLog` (None if it was computed) and the path of its file.
-
-    Raises:
-        UserError: the scenario cannot be used.
-        StorageError: a folder is where a file of the cache goes.
-        OSError: the cache cannot be written.
     """
     folder = policy_folder(config)
     path, compute = folder / POLICY_FILE, find_method(config.method).compute

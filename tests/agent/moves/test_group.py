@@ -5,7 +5,7 @@ import pytest
 
 from agent.mdp.exact import some_starts
 from agent.mdp.greedy import PolicyError
-from agent.moves.pair import move_seconds
+from agent.moves.times import mean_seconds
 from agent.training.methods import method_config
 from agent.training.policy import GroupPolicy, load_policy
 from agent.training.store import find_or_make
@@ -36,7 +36,7 @@ def observe(scenario, cells, directions, goals=None):
 def test_a_robot_alone_plans_the_least_time():
     policy = planned(ALONE)
     assert policy.config.moves is not None
-    seconds = move_seconds(policy.config.moves)
+    seconds = mean_seconds(policy.config.moves)
     values = policy.act(observe(ALONE, [(1, 1)], [0])).values
     assert values is not None
     assert values[0, 0] == pytest.approx(-7 * seconds[0, 0], rel=1e-6)
@@ -75,7 +75,7 @@ def test_robots_that_have_arrived_are_passed():
     past, alone = group.around[0, 0b10], group.around[0, 0]
     known = np.isfinite(past)
     assert (past[known] >= alone[known] - 1e-3).all()
-    cells = group.at[known.all(axis=1)]
+    cells = group.board.at[known.all(axis=1)]
     parked = np.array(SWAP.targets[1])
     assert ((cells - parked) ** 2).sum(axis=1).min() >= 25
 

@@ -9,7 +9,7 @@ import pytest
 
 from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
-from agent.moves.group import group_of
+from agent.moves.times import board_of
 from agent.training.loop import learn, move_model
 from agent.training.methods import METHODS
 from agent.training.policy import GroupPolicy, PairPolicy, PolicyConfig, Seed
@@ -68,9 +68,9 @@ def test_clearances_follow_diameter_and_cells(diameter_m, cell_m):
         zone=(0, 0, 0, 0), robot_diameter_m=diameter_m, cell_m=cell_m,
     )  # fmt: skip
     process = build_process(scenario, ProcessConfig(features=FEATURES[2]))
-    kept_m = PairPolicy.computed(config(scenario, "fastest")).times.kept ** 0.5 * cell_m
+    kept_m = PairPolicy.computed(config(scenario, "fastest")).times.board.kept ** 0.5 * cell_m
     assert kept_m == pytest.approx(diameter_m + 0.0083)
-    assert group_of(process, MOVES).kept ** 0.5 * cell_m == pytest.approx(kept_m)
+    assert board_of(process, MOVES).kept ** 0.5 * cell_m == pytest.approx(kept_m)
 
 
 @pytest.mark.parametrize("objective", ["fastest", "planned", None])

@@ -11,8 +11,8 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import PolicyError
 from agent.mdp.readings import build_process
 from agent.moves import pair
-from agent.moves.bound import mean_seconds
-from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, move_kind
+from agent.moves.model import NO_DIRECTION, Move, ObservedMoves
+from agent.moves.times import mean_seconds
 from agent.training.policy import PairPolicy, PolicyConfig, Seed, load_policy
 from agent.training.settings import LearningConfig
 from cosim.model.outcome import Outcome
@@ -70,7 +70,7 @@ def next_states(state):
             beside = max(abs(x + dx - other_x), abs(y + dy - other_y)) <= 1
             if 0 <= x + dx < SIDE and 0 <= y + dy < SIDE and not beside:
                 after = x + dx, y + dy, direction % 4
-                options[i].append((after, MEAN_S[move_kind(direction, axis)]))
+                options[i].append((after, MEAN_S[direction][axis]))
     before = tuple(a - b for a, b in zip(*state, strict=True))[:2]
     for (first, first_s), (second, second_s) in itertools.product(*options):
         if keep_apart(before, (first[0] - second[0], first[1] - second[1])):
