@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.base.arguments import taken, taken_seed
+from cosim.base.arguments import validate_argument, validate_seed
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.model.scenario import Scenario
@@ -82,7 +82,10 @@ def train(
         from agent.training.store import find_or_make  # noqa: PLC0415
 
         name = best_method(board) if method is None else method
-        chosen, seed = find_method(taken("method", name, str | type(name))), taken_seed(seed)
+        chosen, seed = (
+            find_method(validate_argument("method", name, str | type(name))),
+            validate_seed(seed),
+        )
         if seed and chosen.compute is not None:
             raise UserError(
                 f"seed = {seed} has no effect: method {chosen.name} is computed; leave it out, or "
@@ -92,15 +95,15 @@ def train(
             chosen,
             board,
             seed,
-            episodes=taken("episodes", episodes, int | None),
-            motor_fmu=taken("motor_fmu", motor_fmu, Path | None),
-            motor_parameters=taken(
+            episodes=validate_argument("episodes", episodes, int | None),
+            motor_fmu=validate_argument("motor_fmu", motor_fmu, Path | None),
+            motor_parameters=validate_argument(
                 "motor_parameters", motor_parameters, tuple[tuple[str, float], ...]
             ),
             worlds=worlds,
             progress=progress or silent,
         )
-        again = taken("again", again, bool)
+        again = validate_argument("again", again, bool)
         return find_or_make(config, again=again, progress=progress or silent)[0]
 
 
@@ -117,12 +120,12 @@ def load(path: str | Path, scenario: str | Path | Scenario | None = None) -> "Gr
         scenario: name, file or record; if given, only a policy trained on it is accepted.
 
     Raises:
-        PolicyError: there is no such file, it is no policy, or one of another scenario.
+        UserError: there is no such file, it is no policy, or one of another scenario.
     """
     from agent.training.policy import load_policy  # noqa: PLC0415 - numba is slow to import
 
     only = None if scenario is None else find_scenario(scenario)
-    return load_policy(taken("path", path, Path), only)
+    return load_policy(validate_argument("path", path, Path), only)
 
 
 def __getattr__(name: str) -> Any:

@@ -8,9 +8,8 @@ from typing import Annotated, Literal, get_args, get_type_hints
 
 from msgspec import Meta
 
-from cosim.base.arguments import taken
+from cosim.base.arguments import validate_argument
 from cosim.base.errors import UserError
-from cosim.model.scenario import ScenarioError
 
 Feature = Literal["x", "y", "d", "g", "b", "h", "p"]
 PartnerUpdate = Literal["ordinary", "penalty", "none"]
@@ -64,18 +63,18 @@ class ProcessConfig:
     scenario 4, 200 none (docs/reproduction.md)."""
 
     def __post_init__(self) -> None:
-        check_fields(self, "process", ScenarioError)
+        check_fields(self, "process")
         if not 0 < len(self.features) == len(set(self.features)):
-            raise ScenarioError(
+            raise UserError(
                 f"process: features = {', '.join(self.features)} are not some different ones of "
                 f"{', '.join(FEATURES)}"
             )
 
 
-def check_fields(config: object, table: str, error: type[UserError]) -> None:
+def check_fields(config: object, table: str) -> None:
     """Convert the fields of a table of settings to their declared types, within their limits."""
     for name, kind in get_type_hints(type(config), include_extras=True).items():
-        value = taken(f"{table}: {name}", getattr(config, name), kind, error)
+        value = validate_argument(f"{table}: {name}", getattr(config, name), kind)
         object.__setattr__(config, name, value)
 
 
@@ -120,7 +119,7 @@ def refuse_without_effect(config: ProcessConfig, where: Where) -> None:
     for name, reason in _WITHOUT_EFFECT[where].items():
         value, default = getattr(config, name), getattr(ProcessConfig, name)
         if value != default:
-            raise ScenarioError(
+            raise UserError(
                 f"process: {name} = {value} has no effect in {where}: {reason}; "
                 f"leave it at {default}"
             )

@@ -32,7 +32,7 @@ from agent.mdp.readings import Process, build_process
 from agent.mdp.rewards import reward_parts
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
-from cosim.base.storage import json_text, named, replacing, write_json
+from cosim.base.storage import json_text, replacing, require_suffix, write_json
 from cosim.coupling.rl_step import Decision, Step
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, Observation
@@ -81,10 +81,6 @@ def greedy(values: np.ndarray, facing: np.ndarray) -> np.ndarray:
 
 # Of the action values of computed policies; those of learnt ones are sums of rewards.
 _UNITS = {"shortest": "cells", "fastest": "s", "planned": "s"}
-
-
-class PolicyError(UserError):
-    """Invalid policy file. The message names the file and how to fix it."""
 
 
 class GreedyPolicy(ABC):
@@ -138,7 +134,7 @@ class GreedyPolicy(ABC):
 
     def save(self, path: Path | str) -> None:
         """Write `path` (.npz) and its configuration next to it (.json), whole or not at all."""
-        path = named(path, ".npz")
+        path = require_suffix(path, ".npz")
         digest = self.config.scenario.digest()
         facts = {"kind": self.kind, "scenario_digest": digest, "episodes": self.episodes}
         description = msgspec.to_builtins(self.config) | facts
@@ -176,13 +172,13 @@ class GreedyPolicy(ABC):
         """Refuse any geometry but that of training."""
         trained = self.config.scenario
         if scenario.diameter_m != trained.diameter_m:
-            raise PolicyError(
+            raise UserError(
                 f"{name} was trained for robots of {100 * trained.diameter_m:g} cm, not of "
                 f"{100 * scenario.diameter_m:g} cm; train one on a scenario file with "
                 f"robot_diameter_m = {scenario.diameter_m:g}"
             )
         if scenario.digest() != trained.digest():
-            raise PolicyError(
+            raise UserError(
                 f"{name} was trained on scenario {trained.name} (digest {trained.digest()}), not "
                 f"on scenario {scenario.name} (digest {scenario.digest()}); choose that scenario "
                 "or train a new policy"

@@ -17,7 +17,8 @@ from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, iterate_alone
 from agent.mdp.optimum import require_paths
 from agent.mdp.readings import Process
-from agent.moves.model import KINDS, MovesError, ObservedMoves, move_kind
+from agent.moves.model import KINDS, ObservedMoves, move_kind
+from cosim.base.errors import UserError
 from cosim.base.jit import inlined
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
@@ -32,17 +33,17 @@ def mean_seconds(moves: ObservedMoves) -> np.ndarray:
     By its direction and the axis that the robot faced before.
 
     Raises:
-        MovesError: a kind of move was never observed, or a robot stopped in another cell than the
+        UserError: a kind of move was never observed, or a robot stopped in another cell than the
             one it was sent to.
     """
     steps: list[list[int]] = [[] for _ in range(KINDS)]
     for move in moves.moves:
         if max(abs(move.stop_x), abs(move.stop_y)) >= _MOST_OFF:
-            raise MovesError("moves end in other cells than commanded; check the parameters")
+            raise UserError("moves end in other cells than commanded; check the parameters")
         lasted = math.ceil(move.duration_s / moves.rl_step_s - _ROUNDING)
         steps[move_kind(move.direction, move.heading)].append(lasted)
     if not all(steps):
-        raise MovesError("not every kind of move was observed; observe more moves")
+        raise UserError("not every kind of move was observed; observe more moves")
     of_kind = np.array([moves.rl_step_s * np.mean(of_kind) for of_kind in steps])
     kinds = [[move_kind(a, axis) for axis in range(AXIS_COUNT)] for a in range(DIRECTION_COUNT)]
     return of_kind[np.array(kinds)]

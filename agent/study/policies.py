@@ -13,7 +13,7 @@ from agent.training.methods import METHODS, Method, find_method, imported, metho
 from agent.training.policy import load_policy
 from agent.training.store import find_or_make
 from cosim.base.arguments import ConfigError
-from cosim.base.errors import UserError, shown
+from cosim.base.errors import UserError, shorten
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import identity_of
 from cosim.coupling.rl_step import SupportsAct
@@ -94,7 +94,7 @@ def policy_of(
         return load_policy(name, scenario)
     if scenario is None:
         raise ConfigError(
-            f"policy = {shown(given)} needs a scenario; name one (scenario, --scenario)"
+            f"policy = {shorten(given)} needs a scenario; name one (scenario, --scenario)"
         )
     found: Any = given if name is None else METHODS.get(name) or _imported(name)
     if isinstance(found, Method):

@@ -12,7 +12,6 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from agent.mdp.exact import cell_map, evaluate, some_starts
-from agent.mdp.greedy import PolicyError
 from agent.mdp.optimum import require_paths_alone
 from agent.mdp.readings import build_process
 from agent.moves.model import MoveModel, build_model
@@ -44,7 +43,7 @@ MAX_CURVE_STARTS = 5_000
 CHUNK_EPISODES = 50_000  # about 0.1 s: progress moves and Ctrl-C answers
 
 
-_FILE = Kind("file of learning curves", "train again", PolicyError)
+_FILE = Kind("file of learning curves", "train again")
 
 
 class TrainingLog(NamedTuple):

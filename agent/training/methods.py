@@ -225,7 +225,7 @@ def find_method(name: "str | Method") -> Method:
     """Return a method by its name, which may be the "module:function" of a user."""
     if isinstance(name, Method):
         return name
-    if name not in METHODS and ":" in name:
+    if isinstance(name, str) and name not in METHODS and ":" in name:
         try:
             found = imported(name)
         except (Exception, SystemExit) as error:  # whatever a user's module does
@@ -235,7 +235,7 @@ def find_method(name: "str | Method") -> Method:
             ) from error
         if isinstance(found, Method):
             return found
-    if name not in METHODS:
+    if not isinstance(name, str) or name not in METHODS:
         raise ConfigError(unknown("method", name, METHODS))
     return METHODS[name]
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from agent.mdp.config import ProcessConfig, refuse_without_effect
 from agent.mdp.exact import Evaluation, cell_map, evaluate, joint_starts, some_starts
-from agent.mdp.greedy import GreedyPolicy, PolicyError, on_grid
+from agent.mdp.greedy import GreedyPolicy, on_grid
 from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE
 from agent.mdp.optimum import require_paths
@@ -33,17 +33,17 @@ from agent.moves.pair import (
 from agent.moves.times import Board, board_of, least_times
 from agent.training.learning import VERSION
 from agent.training.settings import LearningConfig
-from cosim.base.errors import UserError
+from cosim.base.errors import FileError, UserError
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.model.params import TIMING
-from cosim.model.scenario import Scenario, ScenarioError
+from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
 
 SCHEMA_VERSION = 1
-_FILE = Kind("policy file", "name a policy.npz that training has saved", PolicyError)
-_CONFIG = Kind("policy's configuration", "train it again", PolicyError)
+_FILE = Kind("policy file", "name a policy.npz that training has saved")
+_CONFIG = Kind("policy's configuration", "train it again")
 _GRID_STARTS = 50  # assumed: of evaluations of groups on the grid, some 0.3 s each
 _KEPT = 4096  # plans that are kept: policies are asked again before anything has changed
 
@@ -88,13 +88,13 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if self.moves is None:
             return
         if self.moves.cell_m != self.scenario.cell_m:
-            raise ScenarioError(
+            raise UserError(
                 f"moves = those on cells of {self.moves.cell_m:g} m do not fit scenario "
                 f"{self.scenario.name} with cells of {self.scenario.cell_m:g} m; observe some with "
                 f"`minirobots moves --cell {self.scenario.cell_m:g}`"
             )
         if self.moves.rl_step_s == TIMING.rl_step_s and self.process.reward_per == "time":
-            raise ScenarioError(
+            raise UserError(
                 "process: reward_per = time has no effect on moves with an RL step of "
                 f"{TIMING.rl_step_s:g} s, where both are the same; leave it at step"
             )
@@ -171,7 +171,7 @@ class Policy(GreedyPolicy):
         """Read a policy of this class; see `load_policy`."""
         policy = load_policy(path)
         if not isinstance(policy, cls):
-            raise PolicyError(f"{path}: not a policy with tables; read it with minirobots.load")
+            raise FileError(f"{path}: not a policy with tables; read it with minirobots.load")
         return policy
 
 
@@ -331,7 +331,8 @@ class GroupPolicy(_OnTimes):
         if values is None:
             robots = numbers.shape[1]
             actions, ends = np.empty(robots, dtype=np.int64), np.empty(robots)
-            plan(self.group, *numbers, actions, ends)
+            cells, goals, axes = numbers
+            plan(self.group, cells, goals, axes, actions, ends)
             values = np.full((robots, DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
             waits = np.flatnonzero(actions >= 0)
             values[waits, actions[waits]] = -ends[waits].clip(0.0, -0.4 * IMPOSSIBLE)
@@ -366,7 +367,7 @@ def load_policy(path: Path | str, scenario: Scenario | None = None) -> Any:
     with parsing(path, _CONFIG):
         facts = dict(json.loads(text))
     if facts.get("schema_version") != SCHEMA_VERSION:
-        raise PolicyError(
+        raise FileError(
             f"{path}: policy schema {facts.get('schema_version')} is not the schema "
             f"{SCHEMA_VERSION} of this version; train it again with `minirobots train`"
         )
@@ -387,9 +388,9 @@ def load_policy(path: Path | str, scenario: Scenario | None = None) -> Any:
         policy = make(config, **arrays, episodes=episodes)
         fits = policy.fits()
     if digest != config.scenario.digest():
-        raise PolicyError(f"{path}: scenario and configuration do not fit; train it again")
+        raise FileError(f"{path}: scenario and configuration do not fit; train it again")
     if not fits:
-        raise PolicyError(f"{path}: arrays and configuration do not fit; train it again")
+        raise FileError(f"{path}: arrays and configuration do not fit; train it again")
     if scenario is not None:
         policy.require_scenario(scenario, f"{path}: the policy")
     return policy

@@ -26,7 +26,7 @@ from agent.mdp.grid import (
 from agent.mdp.readings import Process
 from agent.mdp.rng import PROBABILITY_SHIFT, next_word
 from agent.training.learning import Learning, TrainingState
-from agent.training.qlearning import ACTION_BITS, best_of_sum, book, largest
+from agent.training.qlearning import ACTION_BITS, best_of_sum, largest, log_episode
 from cosim.base.jit import inlined
 from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
 
@@ -97,7 +97,7 @@ def _run_episodes(
                 update(q[:, i], s, a, reward, discount, state[i], action[i], eta, coin)
         decisions += moves
         path_cells = moves + (SQRT_2 - 1.0) * diagonal
-        book(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)
+        log_episode(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)
     return decisions
 
 

@@ -17,7 +17,6 @@ import msgspec
 import numpy as np
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.greedy import PolicyError
 from agent.mdp.readings import build_process
 from agent.moves.model import ObservedMoves
 from agent.training.loop import TrainingLog, learn
@@ -26,7 +25,7 @@ from agent.training.recording import write_training
 from agent.training.settings import LearningConfig
 from agent.training.store import POLICY_FILE, load_run, save_run
 from cosim.base.backends import sweep
-from cosim.base.errors import UserError
+from cosim.base.errors import FileError, UserError
 from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
@@ -38,7 +37,7 @@ EXPERIMENT_FILE = "experiment.json"
 RECORDING_FILE = "training.rrd"
 
 
-_FILE = Kind("configuration of runs", "choose another --out", UserError)
+_FILE = Kind("configuration of runs", "choose another --out")
 
 
 class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -128,7 +127,7 @@ def _claim(out: Path, experiment: Experiment, configs: Sequence[PolicyConfig]) -
         )
     for number, config in enumerate(configs):
         policy = out / run_name(number) / POLICY_FILE
-        with contextlib.suppress(PolicyError):
+        with contextlib.suppress(FileError):
             if policy.exists() and load_policy(policy).config != config:
                 raise UserError(
                     f"{policy}: was trained by another version with other results; choose "

@@ -56,7 +56,7 @@ class LearningConfig:
     """Exact evaluations of the greedy policy during training, evenly spread; 0 for none."""
 
     def __post_init__(self) -> None:
-        check_fields(self, "learning", UserError)
+        check_fields(self, "learning")
         usual = LearningConfig.epsilon_decay
         if self.log_window > self.log_episodes:
             raise UserError(
@@ -90,7 +90,7 @@ class LearningConfig:
 
 
 _Config = TypeVar("_Config", ProcessConfig, LearningConfig)
-_FILE = Kind("settings file", "check the path", UserError)
+_FILE = Kind("settings file", "check the path")
 
 
 def read_settings(path: Path) -> tuple[ProcessConfig, LearningConfig]:

@@ -7,10 +7,11 @@ import logging
 from pathlib import Path
 from typing import Any
 
-from agent.mdp.greedy import GreedyPolicy, PolicyError
+from agent.mdp.greedy import GreedyPolicy
 from agent.training.loop import TrainingLog, learn
 from agent.training.methods import find_method
 from agent.training.policy import Policy, PolicyConfig, load_policy
+from cosim.base.errors import FileError
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, load_or_create, require_no_folder
@@ -39,7 +40,7 @@ def load_run(folder: Path, config: PolicyConfig) -> tuple[Policy, TrainingLog] |
         return None
     try:
         policy, log = load_policy(path), TrainingLog.load(folder / LOG_FILE)
-    except PolicyError as error:
+    except FileError as error:
         _LOGGER.warning("%s: it is rebuilt", error)
         return None
     return (policy, log) if isinstance(policy, Policy) and policy.config == config else None

@@ -18,7 +18,7 @@ import numpy as np
 from fmpy.fmi1 import FMICallException
 
 from cosim.base.errors import UserError
-from cosim.base.jit import kernel, uninterrupted
+from cosim.base.jit import interrupts_held, kernel
 from cosim.coupling.assembly import Motors
 from cosim.coupling.calls import (
     INCOMPLETE,
@@ -61,7 +61,7 @@ class NotFiniteError(UserError):
         super().__init__(f"{self.signal} of robot {self.column + 1} is {value} after tick {tick}")
         self.value = value
 
-    def named(self, robot: str, time_s: float) -> "NotFiniteError":
+    def locate(self, robot: str, time_s: float) -> "NotFiniteError":
         """Return a copy of this error that names the robot and the simulated time."""
         self.args = (
             f"{self.signal} of {robot} is {self.value} at {time_s:.5f} s of simulated time; choose "
@@ -166,7 +166,7 @@ class FmpyDriver(CompiledDriver):
     inputs and outputs itself, through the functions of the library that fmpy has loaded.
     """
 
-    @uninterrupted  # what a signal raises would be lost on its way out of compiled code
+    @interrupts_held()  # what a signal raises would be lost on its way out of compiled code
     def advance(
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
     ) -> None:

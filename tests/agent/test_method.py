@@ -15,6 +15,7 @@ from agent.training.methods import METHODS, best_method, computed, learner, meth
 from agent.training.runs import policy_paths
 from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
+from cosim.model.outcome import Outcome
 from cosim.model.scenario_file import find_scenario
 from minirobots.runner import execute
 
@@ -59,7 +60,7 @@ def test_a_users_methods_learn_what_their_rules_say(fresh_cache):
     found = {}
     for rule in (sarsa, double_q):
         policy = agent.train("1a", method=rule, progress=None)
-        assert policy.evaluate().rate("success") == 1.0
+        assert policy.evaluate().rate(Outcome.SUCCESS) == 1.0
         assert (policy.config.method, policy.kind) == (rule.name, "table")
         found[rule.name] = policy
     assert [len(policy.q) for policy in found.values()] == [1, 2]

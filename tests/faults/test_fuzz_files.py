@@ -8,6 +8,7 @@ import json
 import re
 import zipfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -86,14 +87,14 @@ def names_of(record: type) -> tuple[str, ...]:
     return tuple(record.__annotations__)
 
 
-def part(table_: st.SearchStrategy[Any], name: str) -> st.SearchStrategy[dict[str, Any]]:
+def optional_table(table_: st.SearchStrategy[Any], name: str) -> st.SearchStrategy[dict[str, Any]]:
     """A table below a name, or nothing, or no table."""
     return st.one_of(
         st.just({}), st.builds(lambda t: {name: t}, table_), st.builds(lambda v: {name: v}, VALUES)
     )
 
 
-SENSOR = part(table(*names_of(Sensor)), "sensor")
+SENSOR = optional_table(table(*names_of(Sensor)), "sensor")
 WORLD = st.builds(lambda a, b: a | b, table(*names_of(World)), SENSOR)
 CELLS = st.lists(st.lists(st.integers(-1, 12), max_size=4), max_size=6) | st.just("top")
 ROBOT = st.builds(
@@ -111,78 +112,63 @@ SCENARIO = st.builds(
     st.lists(ROBOT, max_size=4),
     st.just({})
     | table("columns", "rows", "cell_m", "zone", "obstacles", "robot_diameter_m", "name"),
-    part(WORLD, "world"),
+    optional_table(WORLD, "world"),
 )
 PRESET = st.builds(
     lambda *parts: {k: v for some in parts for k, v in some.items()},
-    part(table(*RobotParams._fields, "source"), "robot"),
-    part(table(*MotorParams._fields, "source"), "motor"),
-    part(st.builds(lambda a, b: a | b, table(*WORLD_FIELDS, "source"), SENSOR), "world"),
+    optional_table(table(*RobotParams._fields, "source"), "robot"),
+    optional_table(table(*MotorParams._fields, "source"), "motor"),
+    optional_table(st.builds(lambda a, b: a | b, table(*WORLD_FIELDS, "source"), SENSOR), "world"),
     st.just({}) | table("source"),
 )
 SETTINGS = st.builds(
     lambda *parts: {k: v for some in parts for k, v in some.items()},
-    part(table(*names_of(ProcessConfig)), "process"),
-    part(table(*names_of(LearningConfig)), "learning"),
+    optional_table(table(*names_of(ProcessConfig)), "process"),
+    optional_table(table(*names_of(LearningConfig)), "learning"),
 )
 
 
+def scenario_of(path: Path) -> None:
+    scenario, world = find_in_world(path)
+    build_process(scenario, ProcessConfig())
+    CoSimConfig().in_world(world).sized(scenario.diameter_m)
+
+
+def world_of(path: Path) -> None:
+    world = read_world(path)
+    in_world(SMALL, world)
+    CoSimConfig().in_world(world)
+
+
+def preset_of(path: Path) -> None:
+    preset, again = find_preset(path), path.with_name("again.toml")
+    preset.config().sized(0.05)
+    preset.save(again)
+    assert find_preset(again).robot == preset.robot
+
+
+def settings_of(path: Path) -> None:
+    process, learning = read_settings(path)
+    build_process(SMALL, process)
+    if learning.episodes <= 10**6:
+        build_learning(learning)
+
+
+TABLES = {
+    scenario_of: SCENARIO,
+    world_of: st.builds(lambda world: {"world": world}, WORLD) | optional_table(WORLD, "world"),
+    preset_of: PRESET,
+    settings_of: SETTINGS,
+}
+
+
+@pytest.mark.parametrize("use", TABLES)
 @examples(40)
-@given(SCENARIO)
-def test_scenarios(tmp_path, content):
+@given(data=st.data())
+def test_tables(tmp_path, use, data):
     path = tmp_path / "mine.toml"
-    path.write_text(lines(content), encoding="utf-8")
-
-    def use() -> None:
-        scenario, world = find_in_world(path)
-        build_process(scenario, ProcessConfig())
-        CoSimConfig().in_world(world).sized(scenario.diameter_m)
-
-    one_sentence(use)
-
-
-@examples(40)
-@given(st.builds(lambda world: {"world": world}, WORLD) | part(WORLD, "world"))
-def test_worlds(tmp_path, content):
-    path = tmp_path / "world.toml"
-    path.write_text(lines(content), encoding="utf-8")
-
-    def use() -> None:
-        world = read_world(path)
-        in_world(SMALL, world)
-        CoSimConfig().in_world(world)
-
-    one_sentence(use)
-
-
-@examples(40)
-@given(PRESET)
-def test_presets(tmp_path, content):
-    path = tmp_path / "machine.toml"
-    path.write_text(lines(content), encoding="utf-8")
-
-    def use() -> None:
-        preset = find_preset(path)
-        preset.config().sized(0.05)
-        preset.save(tmp_path / "again.toml")
-        assert find_preset(tmp_path / "again.toml").robot == preset.robot
-
-    one_sentence(use)
-
-
-@examples(40)
-@given(SETTINGS)
-def test_settings(tmp_path, content):
-    path = tmp_path / "settings.toml"
-    path.write_text(lines(content), encoding="utf-8")
-
-    def use() -> None:
-        process, learning = read_settings(path)
-        build_process(SMALL, process)
-        if learning.episodes <= 10**6:
-            build_learning(learning)
-
-    one_sentence(use)
+    path.write_text(lines(data.draw(TABLES[use])), encoding="utf-8")
+    one_sentence(lambda: use(path))
 
 
 FIELDS = st.one_of(st.floats(width=32).map(str), st.text(max_size=4), st.just("0"))

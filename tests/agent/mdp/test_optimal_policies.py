@@ -16,7 +16,7 @@ from agent.training.settings import LearningConfig
 from agent.training.store import find_or_make
 from cosim.base.errors import UserError
 from cosim.model.outcome import SUCCESS
-from cosim.model.scenario import Scenario, ScenarioError
+from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.onboard.features import Observation
 
@@ -108,7 +108,7 @@ def test_what_cannot_be_computed_is_refused(command, monkeypatch, tmp_path):
         made("fastest", find_scenario("4-cross"))
     with pytest.raises(UserError, match="shortest is computed, not trained"):
         method_config("shortest", CROSSING, episodes=5)
-    with pytest.raises(ScenarioError, match="feature p makes a robot's table"):
+    with pytest.raises(UserError, match="feature p makes a robot's table"):
         large = Scenario("l", "", ((9, 9), (40, 40)), (((0, 0),), ((59, 59),)), 60, 60)
         build_process(large, ProcessConfig(features=PAIR))
     monkeypatch.chdir(tmp_path)

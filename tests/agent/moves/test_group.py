@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from agent.mdp.exact import some_starts
-from agent.mdp.greedy import PolicyError
 from agent.moves.times import mean_seconds
 from agent.training.methods import method_config
 from agent.training.policy import GroupPolicy, load_policy
@@ -101,7 +100,7 @@ def test_a_policy_is_kept_in_its_file(tmp_path):
     assert repr(read) == "GroupPolicy(scenario swap, planned on moves)"
     seen = observe(SWAP, [starts[0] for starts in SWAP.starts], [0, 0])
     assert read.act(seen).action.tolist() == policy.act(seen).action.tolist()
-    with pytest.raises(PolicyError, match="was trained on scenario swap"):
+    with pytest.raises(UserError, match="was trained on scenario swap"):
         load_policy(tmp_path / "planned.npz", ALONE)
 
 

@@ -16,8 +16,8 @@ from agent.moves.model import (
     KINDS,
     NO_DIRECTION,
     Move,
-    MovesError,
     ObservedMoves,
+    UserError,
     build_model,
 )
 from agent.moves.times import fastest_tables, least_times, mean_seconds
@@ -55,7 +55,7 @@ def search(process, moves, cell, axis):
             return moves.rl_step_s * steps
         for direction in range(8):
             assert grid.place(process, world, np.array([cell]))
-            kernels.stand(model, world, plans, seeded_state(0))
+            kernels.reset_plans(model, world, plans, seeded_state(0))
             world[0, grid.AXIS], taken = axis, steps
             outcome = kernels.begin_move(
                 process, model, world, plans, 0, direction, seeded_state(0)
@@ -119,5 +119,5 @@ def test_times_are_means_in_rl_steps():
 def test_moves_that_say_too_little_are_refused(change):
     moves = lasting(*SECONDS)
     odd = msgspec.structs.replace(moves.moves[0], **change)
-    with pytest.raises(MovesError, match="moves"):
+    with pytest.raises(UserError, match="moves"):
         mean_seconds(ObservedMoves("", 0, (odd, *moves.moves[1:])))

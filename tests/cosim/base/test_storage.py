@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.base.storage import StorageError, cached, named, replacing, write_json
+from cosim.base.errors import FileError
+from cosim.base.storage import cached, replacing, require_suffix, write_json
 from tests.faults.test_disks import powerless as without_power
 
 KEPT = "kept"
@@ -118,12 +119,13 @@ def test_a_cache_that_cannot_be_written_is_used_as_far_as_it_goes(tmp_path):
         return done.returncode, done.stdout, done.stderr
 
     assert use("a", "1", powerless=False) == (0, "x\n2.5\n", "")
-    for folder in (cache, *cache.iterdir()):
+    for folder in (cache, *(path for path in cache.rglob("*") if path.is_dir())):
         folder.chmod(0o555)
     said = "the cache cannot be written; set MINIROBOTS_CACHE to a folder that can be\n"
     assert use("a", "1") == (0, "x\n2.5\n", "")
     assert use("b", "1") == (2, "", f"error: {cache / 'bounds'}: {said}")
-    assert use("a", "2") == (2, "x\n", f"error: {cache / 'kernels'}: {said}")
+    (kernels,) = (cache / "kernels").iterdir()
+    assert use("a", "2") == (2, "x\n", f"error: {kernels}: {said}")
     other = Path("/proc/cache")
     assert use("a", "1", folder=other) == (2, "", f"error: {other / 'bounds'}: {said}")
 
@@ -145,7 +147,7 @@ def test_a_user_without_a_home_folder_is_told_of_the_variable():
 def test_a_folder_in_the_place_of_a_file_is_named(tmp_path):
     made = []
     (tmp_path / "file").mkdir()
-    with pytest.raises(StorageError, match=r"file: a folder is where this file goes"):
+    with pytest.raises(FileError, match=r"file: a folder is where this file goes"):
         from_cache(tmp_path / "file", made)
     assert not made  # not found out after hours of training
 
@@ -286,9 +288,9 @@ def test_files_are_as_readable_as_the_umask_allows(tmp_path, monkeypatch):
 
 
 def test_a_file_of_another_name_is_refused():
-    assert named("a/b.rrd", ".rrd") == Path("a/b.rrd")
-    with pytest.raises(StorageError, match=r"b\.txt: its name must end in \.rrd; choose b\.rrd"):
-        named("a/b.txt", ".rrd")
+    assert require_suffix("a/b.rrd", ".rrd") == Path("a/b.rrd")
+    with pytest.raises(FileError, match=r"b\.txt: its name must end in \.rrd; choose b\.rrd"):
+        require_suffix("a/b.txt", ".rrd")
 
 
 WITHOUT_POSIX = """
