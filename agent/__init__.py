@@ -19,22 +19,23 @@ from cosim.model.scenario_file import find_scenario
 if TYPE_CHECKING:
     from agent.mdp.greedy import GreedyPolicy
     from agent.moves.worlds import WorldRange
+    from agent.training.methods import Method
 
 __all__ = ["Policy", "UserError", "load", "methods", "train"]
 
 
 def methods() -> tuple[str, ...]:
-    """Names of the methods that make policies; see `agent.method`."""
-    from agent.method import METHODS  # noqa: PLC0415 - numba is slow to import
+    """Names of the methods that make policies; see `agent.training.methods`."""
+    from agent.training.methods import METHODS  # noqa: PLC0415 - numba is slow to import
 
-    return METHODS
+    return tuple(METHODS)
 
 
 @showing
 def train(
     scenario: str | Path | Scenario,
     *,
-    method: str | None = None,
+    method: "str | Method | None" = None,
     seed: int = 0,
     episodes: int | None = None,
     motor_fmu: str | Path | None = None,
@@ -51,8 +52,9 @@ def train(
 
     Args:
         scenario: name of a built-in scenario, scenario file (.toml) or record.
-        method: one of `methods()`; by default "paper" for one robot or two on a board of up to
-            1000 cells without obstacles, "planned" for three to eight, else "moves".
+        method: one of `methods()`, or a `Method` of yours; by default "paper" for one robot or two
+            on a board of up to 1000 cells without obstacles, "planned" for three to eight, else
+            "moves".
         seed: of training.
         episodes: of training, the method's own number by default.
         motor_fmu: motor FMU for observing moves, in methods that use moves; by default
@@ -74,41 +76,35 @@ def train(
     """
     from cosim.simulation.ahead import compiling_ahead  # noqa: PLC0415 - numba is slow to import
 
-    motors = {
-        "motor_fmu": validate_argument("motor_fmu", motor_fmu, Path | None),
-        "motor_parameters": validate_argument(
-            "motor_parameters", motor_parameters, tuple[tuple[str, float], ...]
-        ),
-    }
     board = find_scenario(scenario)
     with compiling_ahead(board.robots):  # most policies are simulated next
-        from agent.method import COMPUTED, ON_MOVES, best_method, method_policy  # noqa: PLC0415
+        from agent.training.methods import best_method, find_method, method_config  # noqa: PLC0415
+        from agent.training.store import find_or_make  # noqa: PLC0415
 
-        method = validate_argument("method", method, str | None)
-        method, seed = best_method(board) if method is None else method, validate_seed(seed)
-        if seed and method in COMPUTED:
+        name = best_method(board) if method is None else method
+        chosen, seed = (
+            find_method(validate_argument("method", name, str | type(name))),
+            validate_seed(seed),
+        )
+        if seed and chosen.compute is not None:
             raise UserError(
-                f"seed = {seed} has no effect: method {method} is computed; leave it out, or "
+                f"seed = {seed} has no effect: method {chosen.name} is computed; leave it out, or "
                 "choose a method that learns, such as moves"
             )
-        for name, value in (*motors.items(), ("worlds", worlds)):
-            users = ("moves",) if name == "worlds" else ON_MOVES
-            if value and method not in users:
-                raise UserError(
-                    f"{name} has no effect on method {method}; leave it out, or choose a method "
-                    "that uses it, such as moves"
-                )
-        policy, *_ = method_policy(
-            method,
+        config = method_config(
+            chosen,
             board,
             seed,
             episodes=validate_argument("episodes", episodes, int | None),
-            **motors,
+            motor_fmu=validate_argument("motor_fmu", motor_fmu, Path | None),
+            motor_parameters=validate_argument(
+                "motor_parameters", motor_parameters, tuple[tuple[str, float], ...]
+            ),
             worlds=worlds,
-            again=validate_argument("again", again, bool),
             progress=progress or silent,
         )
-    return policy
+        again = validate_argument("again", again, bool)
+        return find_or_make(config, again=again, progress=progress or silent)[0]
 
 
 def load(path: str | Path, scenario: str | Path | Scenario | None = None) -> "GreedyPolicy":
@@ -126,7 +122,7 @@ def load(path: str | Path, scenario: str | Path | Scenario | None = None) -> "Gr
     Raises:
         UserError: there is no such file, it is no policy, or one of another scenario.
     """
-    from agent.policies import load_policy  # noqa: PLC0415 - numba is slow to import
+    from agent.training.policy import load_policy  # noqa: PLC0415 - numba is slow to import
 
     only = None if scenario is None else find_scenario(scenario)
     return load_policy(validate_argument("path", path, Path), only)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from agent.training.settings import COMPARED, LearningConfig, Method
+from agent.training.settings import COMPARED, LearningConfig, MethodName
 from analysis.reading.results import PAIR_EPISODES, SINGLE_EPISODES
 from cosim.model.params import TIMING
 from cosim.model.scenario_file import PAPER
@@ -36,7 +36,7 @@ class Profile:
     transfer_quick: bool
     drive_episodes: Mapping[str, int] = field(default_factory=dict)
     episode_limit_s: float = TIMING.episode_limit_s
-    transfer_methods: tuple[Method, ...] = COMPARED
+    transfer_methods: tuple[MethodName, ...] = COMPARED
 
 
 FULL = Profile(

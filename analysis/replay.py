@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from agent.policies import load_policy
+from agent.training.policy import load_policy
 from analysis.compare import find_differences, series_of
 from cosim.base.progress import Progress
 from cosim.base.provenance import versions

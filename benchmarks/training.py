@@ -17,7 +17,7 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
 from agent.training.learning import build_learning, initial_state
 from agent.training.qlearning import advance
-from agent.training.runs import Experiment, train_runs
+from agent.training.runs import Experiment, make_runs
 from agent.training.settings import LearningConfig
 from benchmarks.timing import best_s
 from cosim.base.command import Checked, Count
@@ -100,5 +100,5 @@ def seconds_of_all() -> float:
             experiment = Experiment(
                 find_scenario(name), ProcessConfig(), SECTION_V, seed=0, runs=20
             )
-            train_runs(experiment, Path(folder) / name, where=Workers(backend="threads"))
+            make_runs(experiment, Path(folder) / name, where=Workers(backend="threads"))
     return time.perf_counter() - began

@@ -27,9 +27,10 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import joint_starts
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import observe_moves
+from agent.training.loop import learn
+from agent.training.methods import METHODS
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import policy_kind, train_policy
 from cosim.calibration.cache import find_calibration
 from cosim.calibration.shielding import with_stopping_distance
 from cosim.coupling.rl_step import Step, SupportsAct
@@ -137,7 +138,7 @@ def _limited(config: CoSimConfig, limit_s: float) -> CoSimConfig:
 def _of_learning() -> Iterator[tuple[str, str]]:
     for name, (scenario, learning) in LEARNERS.items():
         config = PolicyConfig(find_scenario(scenario), ProcessConfig(), learning, Seed(0))
-        policy = train_policy(config)[0]
+        policy = learn(config)[0]
         yield f"policy {name}", _of_policy(policy)
         yield f"grid {name}", _digest(*policy.evaluate())
 
@@ -146,7 +147,7 @@ def _on_moves(moves: ObservedMoves, scenario: str) -> Policy:
     features = ProcessConfig(features=("x", "y", "d", "g", "b"), step_limit=200)
     learning = LearningConfig(episodes=4000)
     config = PolicyConfig(find_scenario(scenario), features, learning, Seed(0), moves)
-    return train_policy(config)[0]
+    return learn(config)[0]
 
 
 def _of_moves(folder: Path) -> Iterator[tuple[str, str]]:
@@ -234,15 +235,20 @@ def _of_computed() -> Iterator[tuple[str, str]]:
             process = ProcessConfig(features=("x", "y", *facing, *partner))
             known = None if method == "shortest" else moves
             config = PolicyConfig(board, process, LearningConfig(), Seed(0), known, method)
-            policy = policy_kind(method, robots).computed(config)
+            compute = METHODS[method].compute
+            assert compute is not None
+            policy = compute(config)
             evaluation = policy.evaluate(joint_starts(policy.process)[:8])
-            yield f"{method} {robots}", _digest(*policy.arrays().values(), *evaluation)
+            yield (
+                f"{method} {robots}",
+                _digest(*(getattr(policy, name) for name in policy.array_names()), *evaluation),
+            )
 
 
 def _of_studies() -> Iterator[tuple[str, str]]:
     learner = PolicyConfig(NEAR, ProcessConfig(), LearningConfig(episodes=5000), Seed(0))
     config = _limited(replace(CONFIG, world=WORLDS["unequal motors"]), 6.0)
-    case = Case(train_policy(learner)[0], config, cached_fmu(), 0)
+    case = Case(learn(learner)[0], config, cached_fmu(), 0)
     yield "sample", _digest(case.sample(4), case.rounds(50))
     rows = {job.index: result for job, result in run_jobs([Job(case, k) for k in range(4)], 1)}
     for index, result in sorted(rows.items()):

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agent.method import method_config
+from agent.training.methods import method_config
 from cosim.base.storage import CACHE, PACKAGED, cache_dir
 from cosim.calibration.cache import calibrated_slower
 from cosim.calibration.shielding import with_stopping_distance

@@ -59,12 +59,7 @@ class Restorable:
     _mutable: ClassVar[tuple[str, ...]]  # names of the attributes that change
 
     def get_state(self) -> dict[str, Any]:
-        """Return a copy of everything that changes; it can be pickled.
-
-        Raises:
-            ConfigError: the environment is closed.
-            FmuError: the motor FMU cannot save its state.
-        """
+        """Return a copy of everything that changes; it can be pickled."""
         self._require_open()
         mine = {name: getattr(self, name) for name in self._mutable}
         return {
@@ -73,12 +68,7 @@ class Restorable:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore a state of this object, or of one that was made with the same arguments.
-
-        Raises:
-            ConfigError: the environment is closed.
-            ConfigError: the state is that of another kind of environment, or of another number.
-        """
+        """Restore a state of this object, or of one that was made with the same arguments."""
         self._require_open()
         if not isinstance(state, dict) or set(state) != set(self._mutable):
             raise ConfigError(
@@ -172,9 +162,6 @@ class EnvBoards(Restorable, ABC):
             options: K values of each of `reset_options`, None where the usual one is drawn or
                 taken; "reset_mask", (K,) bool, boards to begin again, all without.
             seed: of the boards that begin again, see `board_seeds`.
-
-        Raises:
-            UserError: an option cannot be used; the boards are as they were.
         """
         count, known = self.shape[0], known_options(options, *self.reset_options, "reset_mask")
         given = {name: values for name, values in known.items() if values is not None}
@@ -208,11 +195,7 @@ class EnvBoards(Restorable, ABC):
 
     @abstractmethod
     def joint(self, actions: Any) -> np.ndarray:
-        """Return (K, N, ...) actions for `step`, of those that a learner gave to the K · N robots.
-
-        Raises:
-            ConfigError: an action is none of the action space.
-        """
+        """Return (K, N, ...) actions for `step`, of those that a learner gave to K · N robots."""
 
     @abstractmethod
     def step(self, actions: np.ndarray) -> None:
@@ -378,11 +361,7 @@ def _step(
 
 
 class Boards(DirectionBoards):
-    """K boards of a scenario on the grid; `arrays` is overwritten by every step.
-
-    Raises:
-        UserError: the scenario cannot be used with these readings.
-    """
+    """K boards of a scenario on the grid; `arrays` is overwritten by every step."""
 
     _mutable = ("grid", "arrays")
 
@@ -445,11 +424,7 @@ def direction_spaces(
 
 
 def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
-    """One seed of each board; one for all counts up, None leaves them as they are.
-
-    Raises:
-        ConfigError: there is not one for each, or one is negative or no whole number.
-    """
+    """One seed of each board; one for all counts up, None leaves them as they are."""
     seeds = validate_argument("seed", seed, _Seed | list[_Seed | None] | None)
     if not isinstance(seeds, list):
         seeds = [seeds if seeds is None else seeds + m for m in range(count)]
@@ -480,11 +455,7 @@ def free_directions(process: Process) -> np.ndarray:
 
 
 def placed_world(process: Process, starts: Any) -> np.ndarray:
-    """Return the (N, COLUMN_COUNT) int64 world of robots on the start cells that a user gave.
-
-    Raises:
-        ConfigError: they are not (N, 2) whole numbers, off the board, blocked or in contact.
-    """
+    """Return the (N, COLUMN_COUNT) int64 world of robots on the start cells that a user gave."""
     world = np.zeros((len(process.start_offsets) - 1, COLUMN_COUNT), dtype=np.int64)
     cells = whole_cells("starts", starts, (len(world), 2))
     columns, rows = (size - 2 for size in process.terrain.shape[1:])
@@ -509,11 +480,7 @@ def whole_cells(name: str, cells: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def known_options(options: dict[str, Any] | None, *names: str) -> dict[str, Any]:
-    """Options of a reset.
-
-    Raises:
-        ConfigError: one has another name.
-    """
+    """Options of a reset."""
     for name in options or {}:
         if name not in names:
             raise ConfigError(f"reset has no option '{name}'; choose from {', '.join(names)}")

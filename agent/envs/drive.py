@@ -107,11 +107,7 @@ class DrivePolicy:
         self.interval_s = validate_argument("control_interval", control_interval, Positive)
 
     def drive(self, motion: DriveObservation) -> np.ndarray:
-        """Return the set points of motors D and E in rad/s, (N, 2).
-
-        Raises:
-            ConfigError: the policy returned something else than two numbers for each robot.
-        """
+        """Return the set points of motors D and E in rad/s, (N, 2)."""
         robots = len(motion.poses)
         worlds = np.tile(_world_of(motion.config), (robots, 1)) if self._context else None
         actions = checked_actions(self._predict(observed(motion, robots, worlds)), robots)
@@ -134,9 +130,6 @@ class DriveBoards(DynamicsBoards):
         reach: largest distance of a target in m.
         max_episode_steps: limit of steps, in addition to the physics' `time_limit` (120 s).
         physics: see `agent.envs.dynamics.DynamicsBoards`.
-
-    Raises:
-        UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
     """
 
     _mutable = (*DynamicsBoards._mutable, "_rows")
@@ -259,11 +252,7 @@ class DriveBoards(DynamicsBoards):
         return checked_actions(actions, self.shape[0] * self.shape[1]).reshape(*self.shape, 2)
 
     def step(self, actions: np.ndarray) -> None:
-        """Drive for a control interval by (K, N, 2) actions; see `EnvBoards.step`.
-
-        Raises:
-            FmuError: an FMU failed.
-        """
+        """Drive for a control interval by (K, N, 2) actions; see `EnvBoards.step`."""
         outcomes = self.arrays.outcomes
         running = outcomes == RUNNING
         moved, rewards = running[:, None] & ~self._arrived, np.zeros(self.shape)
@@ -361,11 +350,7 @@ class DriveEnv(SingleEnv):
 
 
 def checked_actions(actions: Any, rows: int) -> np.ndarray:
-    """(rows, 2) float64 from -1 to 1 of what a learner returned, cut where it is beyond.
-
-    Raises:
-        ConfigError: it is something else than two finite numbers per row.
-    """
+    """(rows, 2) float64 from -1 to 1 of what a learner returned, cut where it is beyond."""
     if (wanted := numbers(actions, (rows, 2))) is None:
         raise ConfigError(
             f"actions = {shorten(actions)}: give two finite numbers from -1 to 1 to each of the "

@@ -54,10 +54,6 @@ class DynamicsBoards(EnvBoards):
         physics: options by the names of `cosim.simulate`, and `worlds`, ranges to draw a world from
             in every episode.
         limit: of steps, in addition to the physics' own `time_limit`; None for none.
-
-    Raises:
-        UserError: an option is unknown or does not fit, or the scenario or the motor FMU cannot be
-            used.
     """
 
     reset_options = ("starts", "targets", "mu")
@@ -193,9 +189,6 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
         physics: as of `DynamicsBoards`; and `decision`, when a step ends: after every
             "period" of 2 s, or, of one board, on "arrival", when a robot waits for an action; its
             rewards cover the time that passed.
-
-    Raises:
-        UserError: the scenario or an argument cannot be used.
     """
 
     _mutable = (*DynamicsBoards._mutable, "_processes")
@@ -249,11 +242,7 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
         self._processes[m] = process
 
     def step(self, actions: np.ndarray) -> None:
-        """Simulate an RL step, or until a robot waits for an action; see `EnvBoards.step`.
-
-        Raises:
-            FmuError: an FMU failed.
-        """
+        """Simulate an RL step, or until a robot waits for an action; see `EnvBoards.step`."""
         outcomes = self.arrays.outcomes
         running = outcomes == RUNNING
         moved, lost = ~self._arrived & running[:, None], np.zeros(self.shape, dtype=bool)

@@ -27,9 +27,6 @@ class View(Restorable):
         boards: what is stepped.
         render_mode: "ansi", "rgb_array" or None.
         outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
-
-    Raises:
-        UserError: it is another render mode.
     """
 
     metadata: Any = {"render_modes": RENDER_MODES, "render_fps": 10}  # noqa: RUF012

@@ -16,7 +16,6 @@ import numpy as np
 
 from agent.mdp.exact import joint_starts
 from agent.mdp.greedy import GreedyPolicy
-from agent.policies import method_name
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
 from cosim.model.config import CoSimConfig
@@ -135,7 +134,10 @@ class Case:
         """Recorder of the episode from a start."""
         scenario = self.policy.config.scenario
         facts = episode_facts(scenario, self.seed, self.fmu, index, self.start_cells(index))
-        facts |= {"train_episodes": self.policy.episodes, "method": method_name(self.policy)}
+        facts |= {
+            "train_episodes": self.policy.episodes,
+            "method": getattr(self.policy.config, "method", "other"),
+        }
         return recorder_of(episode, path, f"{self.digest}-{index}", facts)
 
 

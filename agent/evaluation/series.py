@@ -10,8 +10,8 @@ from msgspec import to_builtins
 from msgspec.structs import asdict
 
 from agent.mdp.greedy import GreedyPolicy
-from agent.policies import load_policy, method_name
 from agent.training.loop import TrainingLog
+from agent.training.policy import load_policy
 from agent.training.recording import write_training
 from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent, under_way
@@ -96,7 +96,7 @@ class Series:
             driver=chosen_driver(self.options.driver, fmu, config),
             motor_fmu=fmu.name,
             motor_fmu_digest=identity_of_fmu(fmu),
-            method=method_name(self.policy),
+            method=self.policy.config.method,
             versions=versions(),
         )
 

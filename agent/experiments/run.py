@@ -18,7 +18,7 @@ from agent.experiments.results import (
 )
 from agent.experiments.variants import EXPERIMENTS, REFERENCES, Name
 from agent.training.recording import require_tensorboard, write_events, write_runs
-from agent.training.runs import RECORDING_FILE, Experiment, run_name, train_runs
+from agent.training.runs import RECORDING_FILE, Experiment, make_runs, run_name
 from agent.training.settings import LearningConfig
 from agent.training.store import POLICY_FILE
 from cosim.base.jobs import PROCESSES, Workers
@@ -40,27 +40,28 @@ def train_and_evaluate(
     Args:
         experiment: what to train.
         out: folder, which may have some of the runs already.
-        where, progress: see `agent.training.runs.train_runs`.
+        where, progress: see `agent.training.runs.make_runs`.
         log: folder of event files for TensorBoard, one in a folder for each run.
 
     Raises:
-        UserError: see `agent.training.runs.train_runs`; or event files cannot be written.
+        UserError: see `agent.training.runs.make_runs`; or event files cannot be written.
     """
     if log is not None:
         require_tensorboard()
     began = time.perf_counter()
     scenario = experiment.scenario.name
-    results = train_runs(
+    results = make_runs(
         experiment, out, where=where, progress=progress, task=f"scenario {scenario}"
     )
     seconds = time.perf_counter() - began
     if log is not None:
-        for result in results:
-            write_events(log / run_name(result.run), result.log)
-    report = report_of((f"{run_name(r.run)}/{POLICY_FILE}", r.policy) for r in results)
+        for number, (_, curves) in enumerate(results):
+            write_events(log / run_name(number), curves)
+    named = enumerate(policy for policy, _ in results)
+    report = report_of((f"{run_name(k)}/{POLICY_FILE}", policy) for k, policy in named)
     if experiment.runs > 1:
         facts = {"scenario": scenario, "seed": experiment.seed}
-        write_runs(out / RECORDING_FILE, [result.log for result in results], facts)
+        write_runs(out / RECORDING_FILE, [curves for _, curves in results], facts)
     summary = TrainingSummary(
         policies=report.policies,
         over_policies=report.over_policies,
@@ -90,10 +91,10 @@ def run_experiment(
         runs: of each variant.
         seed: that the runs' seeds are spawned from, the same for all variants.
         episodes: of training, of each run.
-        where, progress: see `agent.training.runs.train_runs`.
+        where, progress: see `agent.training.runs.make_runs`.
 
     Raises:
-        UserError: see `agent.training.runs.train_runs`.
+        UserError: see `agent.training.runs.make_runs`.
     """
     began = time.perf_counter()
     variants: dict[str, VariantResult] = {}
@@ -105,10 +106,11 @@ def run_experiment(
             seed,
             runs,
         )
-        results = train_runs(
+        results = make_runs(
             experiment, out / key, where=where, progress=progress, task=variant.label
         )
-        report = report_of((f"{key}/{run_name(r.run)}", r.policy) for r in results)
+        named = enumerate(policy for policy, _ in results)
+        report = report_of((f"{key}/{run_name(k)}", policy) for k, policy in named)
         # no single failures
         rows = msgspec.convert(report.policies, tuple[PolicyMeasures, ...], from_attributes=True)
         statistics = report.over_policies[variant.scenario]

@@ -3,40 +3,43 @@
 What readings mean for a scenario is `agent.mdp.readings`; nothing here is slow to import.
 """
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args, get_type_hints
 
+from msgspec import Meta
+
+from cosim.base.arguments import validate_argument
 from cosim.base.errors import UserError
 
 Feature = Literal["x", "y", "d", "g", "b", "h", "p"]
-# Not learnt: see `agent.mdp.optimum`, and for the fastest `agent.moves.bound`.
-Computed = Literal["shortest", "fastest", "planned"]
 PartnerUpdate = Literal["ordinary", "penalty", "none"]
 RewardPer = Literal["step", "time", "distance"]
 FEATURES: tuple[Feature, ...] = get_args(Feature)
 PARTNER_UPDATES: tuple[PartnerUpdate, ...] = get_args(PartnerUpdate)
-MAX_STEPS = 10**9
 REWARDS_PER: tuple[RewardPer, ...] = get_args(RewardPer)
+
+Positive = Annotated[float, Meta(gt=0, le=1e12)]
+NotNegative = Annotated[float, Meta(ge=0, le=1e12)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+Count = Annotated[int, Meta(ge=1, le=10**9)]
 
 
 @dataclass(frozen=True)
 class ProcessConfig:
     """Readings of the paper's decision process; the defaults are those of this project."""
 
-    goal_reward: float = 100.0
+    goal_reward: Positive = 100.0
     """L of Eq. (8): reward of the goal, and minus the reward of a failure (Section III)."""
-    step_cost: float = 1.0
+    step_cost: NotNegative = 1.0
     """Cost of every move, Eq. (8) and (11)."""
-    diagonal_cost: float = 1.0
+    diagonal_cost: NotNegative = 1.0
     """Factor on the step cost of a diagonal move (assumed 1; sqrt 2 rewards centimetres)."""
     reward_per: RewardPer = "step"
     """What Eq. (11) is paid for, on moves: every RL step (assumed), every 2 s, or every cell of the
     path. The discount counts RL steps, or for the other two every 2 s."""
-    approach_coefficient: float = 1.5
+    approach_coefficient: Annotated[float, Meta(ge=1, le=1e12)] = 1.5
     """c of Eq. (12), at least 1: how much closing in on the other robot costs (Section V)."""
-    distance_limit_m: float = 0.1
+    distance_limit_m: Positive = 0.1
     """D of Eq. (11): beyond it the other robot costs nothing (Section III)."""
     features: tuple[Feature, ...] = ("x", "y", "d", "g")
     """What a robot's table is indexed by: x, y, d (Eq. 9), g (Eq. 10), b (bearing of the other),
@@ -49,50 +52,30 @@ class ProcessConfig:
     partner_of_failed: PartnerUpdate = "ordinary"
     """Update of the robots that did not fail when another did: ordinary (assumed), -L as well, or
     none."""
-    slip_probability: float = 0.0
+    slip_probability: Share = 0.0
     """Probability of moving 45 degrees left or right of the action while learning (assumed 0)."""
-    clearance_m: float = 0.002
+    clearance_m: NotNegative = 0.002
     """Gap between two robots that training on moves counts as contact already (assumed)."""
-    step_limit: int = 1000
+    step_limit: Count = 1000
     """Moves after which an episode is cut, counted as a failure (assumed; none in the paper); RL
     steps in training on moves.
     A low limit keeps robots that circle from unlearning it: 60 costs 12 points of success in
     scenario 4, 200 none (docs/reproduction.md)."""
 
     def __post_init__(self) -> None:
-        valid = {
-            "goal_reward": self.goal_reward > 0,
-            "step_cost": self.step_cost >= 0,
-            "diagonal_cost": self.diagonal_cost >= 0,
-            "approach_coefficient": self.approach_coefficient >= 1,
-            "distance_limit_m": self.distance_limit_m > 0,
-            "features": len(set(self.features)) == len(self.features) > 0,
-            "slip_probability": 0 <= self.slip_probability <= 1,
-            "clearance_m": self.clearance_m >= 0,
-            "step_limit": 1 <= self.step_limit <= MAX_STEPS,
-        }
-        require("process", self, valid, UserError)
-
-
-def require(table: str, config: object, valid: Mapping[str, bool], error: type[UserError]) -> None:
-    """Refuse the first field of a table of settings that is not valid, or infinite.
-
-    Args:
-        table: of a settings file, and prefix of its options.
-        config: has the fields.
-        valid: whether each field is, by name.
-        error: raised.
-
-    Raises:
-        UserError: `error`, which names the field.
-    """
-    for name, fine in valid.items():
-        value = getattr(config, name)
-        if not fine or (isinstance(value, float) and math.isinf(value)):
-            raise error(
-                f"{table}: {name} = {value} is not allowed; see its description "
-                "in `minirobots train --help`"
+        check_fields(self, "process")
+        if not 0 < len(self.features) == len(set(self.features)):
+            raise UserError(
+                f"process: features = {', '.join(self.features)} are not some different ones of "
+                f"{', '.join(FEATURES)}"
             )
+
+
+def check_fields(config: object, table: str) -> None:
+    """Convert the fields of a table of settings to their declared types, within their limits."""
+    for name, kind in get_type_hints(type(config), include_extras=True).items():
+        value = validate_argument(f"{table}: {name}", getattr(config, name), kind)
+        object.__setattr__(config, name, value)
 
 
 Where = Literal[
@@ -132,9 +115,6 @@ def refuse_without_effect(config: ProcessConfig, where: Where) -> None:
     Args:
         config: readings.
         where: the process is used.
-
-    Raises:
-        UserError: names the reading.
     """
     for name, reason in _WITHOUT_EFFECT[where].items():
         value, default = getattr(config, name), getattr(ProcessConfig, name)

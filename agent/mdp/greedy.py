@@ -5,9 +5,10 @@ features are those of `agent.mdp.grid`, so that policies act in the dynamics as 
 """
 
 from abc import ABC, abstractmethod
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -28,11 +29,11 @@ from agent.mdp.grid import (
 )
 from agent.mdp.joint import IMPOSSIBLE
 from agent.mdp.readings import Process, build_process
-from agent.mdp.rewards import DrivenStep, reward_parts
+from agent.mdp.rewards import reward_parts
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
 from cosim.base.storage import json_text, replacing, require_suffix, write_json
-from cosim.coupling.rl_step import Decision
+from cosim.coupling.rl_step import Decision, Step
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
@@ -86,10 +87,12 @@ class GreedyPolicy(ABC):
     """Robots choose the largest of their action values.
 
     Attributes:
-        config: what it was trained with; has `scenario`, `process` and `seed`.
+        kind: of its file.
+        config: what it was trained with; has `scenario`, `process`, `seed` and `method`.
         episodes: episodes trained.
     """
 
+    kind: ClassVar[str]
     config: Any
     episodes: int
 
@@ -100,15 +103,11 @@ class GreedyPolicy(ABC):
 
     @abstractmethod
     def q_values(self, observation: Observation) -> np.ndarray:
-        """(N, 8) float32, action values of each robot.
-
-        Raises:
-            ValueError: a cell is off the board, or the number of robots differs.
-        """
+        """(N, 8) float32, action values of each robot."""
 
     @abstractmethod
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """Greedy episodes on the grid, see `agent.mdp.exact.evaluate`."""
+        """Greedy episodes on the grid from (K, N, 2) starts, see `agent.mdp.exact.evaluate`."""
 
     @abstractmethod
     def digest(self) -> str:
@@ -118,23 +117,30 @@ class GreedyPolicy(ABC):
     def maps(self) -> list[PolicyMap]:
         """Return what each robot thinks of the cells of the board, for pictures."""
 
-    @abstractmethod
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Return what its file holds in addition to the configuration, by name."""
+    def fits(self) -> bool:
+        """Return whether its arrays are those of a policy with its configuration."""
+        return True
+
+    @classmethod
+    def array_names(cls) -> list[str]:
+        """Names of what its file holds in addition to the configuration."""
+        names = [field.name for field in fields(cls)]  # pyright: ignore[reportArgumentType]
+        return [name for name in names if name not in {"config", "episodes"}]
+
+    def __repr__(self) -> str:
+        made = f"{self.episodes} episodes" if self.episodes else self.config.method
+        on = "on moves" if self.config.moves else "on the grid"
+        return f"{type(self).__name__}(scenario {self.config.scenario.name}, {made} {on})"
 
     def save(self, path: Path | str) -> None:
-        """Write `path` (.npz) and its configuration next to it (.json), each whole or not at all.
-
-        Raises:
-            FileError: its name does not end in .npz.
-            OSError: the folder cannot be written.
-        """
+        """Write `path` (.npz) and its configuration next to it (.json), whole or not at all."""
         path = require_suffix(path, ".npz")
-        facts = {"scenario_digest": self.config.scenario.digest(), "episodes": self.episodes}
+        digest = self.config.scenario.digest()
+        facts = {"kind": self.kind, "scenario_digest": digest, "episodes": self.episodes}
         description = msgspec.to_builtins(self.config) | facts
         write_json(path.with_suffix(".json"), description)
         with replacing(path) as temporary, temporary.open("wb") as file:
-            arrays: dict[str, Any] = self.arrays()
+            arrays: dict[str, Any] = {name: getattr(self, name) for name in self.array_names()}
             np.savez_compressed(
                 file, **arrays, config=np.frombuffer(json_text(description), dtype=np.uint8)
             )
@@ -143,26 +149,19 @@ class GreedyPolicy(ABC):
         """Return the greedy directions, int64, with their values; ties go to the least rotation.
 
         A direction that fails has no value (NaN), so that plots of the others can be read.
-
-        Raises:
-            ValueError: see `q_values`.
         """
         facing = np.ascontiguousarray(observation.direction, np.int64)
         values = self.q_values(observation)
         shown = np.where(values > 0.5 * IMPOSSIBLE, values, np.nan)
-        unit = _UNITS.get(getattr(self.config, "objective", None) or "", "1")
+        unit = _UNITS.get(getattr(self.config, "method", ""), "1")
         return Decision(greedy(values, facing), shown, unit)
 
-    def reward_parts(self, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
+    def reward_parts(self, step: Step, arrived: np.ndarray) -> np.ndarray:
         """(N, 3) float64, reward of a co-simulated step by parts, see `agent.mdp.rewards`."""
         return reward_parts(self.process, step, arrived)
 
     def seen(self, observation: Observation) -> Observation:
-        """An observation as kernels take it: int64, C-contiguous.
-
-        Raises:
-            ValueError: the number of robots differs from that of training.
-        """
+        """An observation as kernels take it: int64, C-contiguous."""
         robots = self.config.scenario.robots
         seen = Observation(*(np.ascontiguousarray(part, np.int64) for part in observation))
         if seen.cells.shape != (robots, 2):
@@ -170,11 +169,7 @@ class GreedyPolicy(ABC):
         return seen
 
     def require_scenario(self, scenario: Scenario, name: str = "the policy") -> None:
-        """Refuse any geometry but that of training.
-
-        Raises:
-            UserError: the policy was trained on another scenario.
-        """
+        """Refuse any geometry but that of training."""
         trained = self.config.scenario
         if scenario.diameter_m != trained.diameter_m:
             raise UserError(

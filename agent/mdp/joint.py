@@ -114,17 +114,27 @@ def solve(
 
 @kernel
 def iterate_alone(after: np.ndarray, costs: np.ndarray, value: np.ndarray) -> None:
-    """Iterate for one robot: `after` and `costs` (cells, 8), `value` (cells,)."""
-    changed = True
+    """Iterate the least costs of a robot as if it were alone, to the fixed point.
+
+    Args:
+        after: (cells, 8) int64, see `cells_after`; other moves may be BLOCKED as well.
+        costs: (8, axes) float64 of a move, by the axis that the robot faced before; one axis where
+            it does not matter.
+        value: (cells, axes), 0 at the target, inf elsewhere; updated, rounded to its type.
+    """
+    axes, changed, cost = value.shape[1], True, np.empty(1, value.dtype)
     while changed:
         changed = False
         for p in range(after.shape[0]):
             for a in range(DIRECTION_COUNT):
-                p_after = after[p, a]
-                if p_after not in (BLOCKED, p):
-                    cost = costs[p, a] + value[p_after]
-                    if cost < value[p]:
-                        value[p] = cost
+                reached = after[p, a]
+                if reached in (BLOCKED, p):
+                    continue
+                rest = value[reached, a % axes]
+                for axis in range(axes):
+                    cost[0] = costs[a, axis] + rest
+                    if cost[0] < value[p, axis]:
+                        value[p, axis] = cost[0]
                         changed = True
 
 

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import label
 
-from agent.mdp.config import Computed
 from agent.mdp.exact import Evaluation, joint_starts
 from agent.mdp.grid import SQRT_2
 from agent.mdp.joint import (
@@ -85,7 +84,9 @@ def _optimum(process: Process, costs: np.ndarray, relaxed: bool) -> np.ndarray:
     after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
     robots, cells = after.shape[:2]
     if relaxed or robots == 1:
-        value = _alone(after, np.tile(costs, (cells, 1)))
+        value = np.where(after[:, :, 0] == np.arange(cells), 0.0, np.inf)
+        for i in range(robots):
+            iterate_alone(after[i], costs[:, None], value[i, :, None])
         return value if relaxed else value[0]
     free, end = joint_states(process)
     value = np.where(end, 0.0, np.inf)
@@ -93,20 +94,8 @@ def _optimum(process: Process, costs: np.ndarray, relaxed: bool) -> np.ndarray:
     return value
 
 
-def _alone(after: np.ndarray, costs: np.ndarray) -> np.ndarray:
-    """(N, cells) float64, least cost of each robot alone, by the cost of moves (cells, 8)."""
-    value = np.where(after[:, :, 0] == np.arange(len(costs)), 0.0, np.inf)
-    for i in range(len(after)):
-        iterate_alone(after[i], costs, value[i])
-    return value
-
-
 def require_paths_alone(process: Process) -> None:
-    """Refuse start cells from which a robot alone cannot reach its target; quick on any board.
-
-    Raises:
-        UserError: it names the first of them.
-    """
+    """Refuse start cells from which a robot alone cannot reach its target; quick on any board."""
     for i, terrain in enumerate(process.terrain):
         joined = np.zeros(terrain.shape, dtype=np.int32)
         label(np.isin(terrain, (FREE, GOAL)), np.ones((3, 3)), output=joined)
@@ -142,9 +131,6 @@ def require_paths(process: Process, costs: np.ndarray, *, alone: bool = False) -
         costs: (cells,) or (cells, cells) float64, inf where there is no path, by the cells of all
             robots; or (robots, cells), of each robot alone.
         alone: whether they are of each robot alone.
-
-    Raises:
-        UserError: it names the first of them.
     """
     starts = joint_starts(process)
     without = starts[~np.isfinite(_of_starts(costs, starts, process.terrain.shape[2] - 2, alone))]
@@ -155,19 +141,15 @@ def require_paths(process: Process, costs: np.ndarray, *, alone: bool = False) -
         )
 
 
-def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, np.ndarray]:
-    """Tables by which robots move, from wherever they are, without having learnt.
+def computed_tables(process: Process) -> tuple[np.ndarray, np.ndarray]:
+    """Tables of the shortest paths of one robot, or of two together, from wherever they are.
 
     Args:
         process: of one robot with features x and y, or of two with x, y and p.
-        objective: the optimum of one robot, or of two together, by path length.
 
     Returns:
         Action values (N, states, 8) float32, minus the least cost that a move leads to, and (N,
         states) bool, whether there is anything to decide and a path to the end.
-
-    Raises:
-        UserError: the joint process is too large, or has starts without a path to the end.
     """
     bound = optimum(process)
     require_paths(process, bound.path_cells, alone=bound.relaxed)
@@ -175,7 +157,7 @@ def computed_tables(process: Process, objective: Computed) -> tuple[np.ndarray, 
     if bound.relaxed:
         cells = (columns - 2) * (rows - 2)
         raise UserError(
-            f"{objective} joint paths of {robots} robots on {cells} cells are too large to "
+            f"shortest joint paths of {robots} robots on {cells} cells are too large to "
             f"compute; the limit is one robot, or two with {MAX_JOINT_STATES:,} joint states (here "
             f"{cells**robots:,}); choose another method, or a smaller scenario"
         )

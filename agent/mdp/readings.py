@@ -81,12 +81,7 @@ class Process(NamedTuple):
 
 
 def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
-    """Tables of the decision process of a scenario under the given readings.
-
-    Raises:
-        UserError: a start cell cannot be used, hardly a combination of starts is free of
-            contact, D is larger than any board, or the tables are too large.
-    """
+    """Tables of the decision process of a scenario under the given readings."""
     thresholds = distance_thresholds(scenario)
     terrain = np.stack(
         [
@@ -226,9 +221,6 @@ def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
     """Number of values of each feature in use, in the order of the state index.
 
     A lone robot has x, y and h only.
-
-    Raises:
-        UserError: of the features in use nothing is left to it.
     """
     sizes = {
         "x": scenario.columns,

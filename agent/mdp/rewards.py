@@ -5,37 +5,17 @@ A move of the co-simulation takes several RL steps, and each of them earns a rew
 of `agent.mdp.readings`.
 """
 
-from typing import Protocol
-
 import numpy as np
 
 from agent.mdp.config import REWARDS_PER
 from agent.mdp.readings import Process
+from cosim.coupling.rl_step import Step
 from cosim.model.outcome import RUNNING
 from cosim.model.params import TIMING
 from cosim.onboard.features import Observation
 
 
-class DrivenStep(Protocol):
-    """Fields of a `cosim.coupling.rl_step.Step` that rewards read, without the code behind it."""
-
-    @property
-    def action(self) -> np.ndarray: ...  # noqa: D102 - see there
-
-    @property
-    def events(self) -> np.ndarray: ...  # noqa: D102
-
-    @property
-    def after(self) -> Observation: ...  # noqa: D102
-
-    @property
-    def duration_s(self) -> float: ...  # noqa: D102
-
-    @property
-    def moved_m(self) -> np.ndarray: ...  # noqa: D102
-
-
-def failed(step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
+def failed(step: Step, arrived: np.ndarray) -> np.ndarray:
     """(N,) bool, robots that failed in an RL step: they touched something or left the board.
 
     A robot that had arrived before does not fail when touched; arguments as `step_reward`.
@@ -43,7 +23,7 @@ def failed(step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
     return (step.events != RUNNING) & ~(arrived & (step.action < 0))
 
 
-def step_reward(process: Process, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
+def step_reward(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
     """Reward of each robot that was driving in an RL step or failed in it, NaN for the others.
 
     Args:
@@ -57,7 +37,7 @@ def step_reward(process: Process, step: DrivenStep, arrived: np.ndarray) -> np.n
     return reward_parts(process, step, arrived).sum(axis=1)
 
 
-def reward_parts(process: Process, step: DrivenStep, arrived: np.ndarray) -> np.ndarray:
+def reward_parts(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
     """Return rewards by parts, (N, 3) float64: goal or failure, step, nearness of another robot."""
     parts = np.full((len(step.action), 3), np.nan)
     goal = float(process.goal_reward)

@@ -17,16 +17,10 @@ import numpy as np
 
 from agent.mdp.exact import Evaluation, count_moves, new_evaluation
 from agent.mdp.grid import AXIS, COLUMN_COUNT, X, Y, move, place
-from agent.mdp.joint import BLOCKED
+from agent.mdp.joint import BLOCKED, iterate_alone
 from agent.mdp.readings import Process
 from agent.moves.model import ObservedMoves
-from agent.moves.pair import (
-    axis_towards,
-    board_of,
-    kept_distances,
-    move_seconds,
-    squared_distance,
-)
+from agent.moves.times import Board, axis_towards, board_of, squared_distance
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
@@ -51,28 +45,18 @@ BEGIN, END, FROM, TO = range(4)  # columns of a planned move: times in s, and ce
 
 
 class Group(NamedTuple):
-    """Board, times and distances that a group plans by.
+    """Board and times that a group plans by.
 
     Attributes:
-        after: (N, cells, 8) int64, see `agent.mdp.joint.cells_after`.
-        seconds: (8, AXIS_COUNT) float64, mean time in s of a move by direction and axis before.
+        board: that they drive on.
         around: (N, 2^N, cells, AXIS_COUNT) float32, least time in s of each robot among others that
             have parked, by a bit for each of those, by its cell and axis.
-        targets: (N,) int64, target cell of each robot.
         slice_s: length in s of a slice of time, in which a cell is reached with an axis but once.
-        kept: squared distance in cells² that robots keep, see `agent.moves.pair.kept_distances`.
-        parked: (N, N) float64, the same where one of them is parked and the other one parks.
-        at: (cells, 2) int64, column and row of each cell.
     """
 
-    after: np.ndarray
-    seconds: np.ndarray
+    board: Board
     around: np.ndarray
-    targets: np.ndarray
     slice_s: float
-    kept: float
-    parked: np.ndarray
-    at: np.ndarray
 
 
 @inlined
@@ -135,24 +119,24 @@ def _is_clear(
     p, p_after, first = int(own[FROM]), int(own[TO]), own[BEGIN] == -math.inf
     begin = 0.0 if first else own[BEGIN]
     for j in range(len(counts)):
-        far = (math.sqrt(share * group.kept) + 2.0 * math.sqrt(2.0)) ** 2
+        far = (math.sqrt(share * group.board.kept) + 2.0 * math.sqrt(2.0)) ** 2
         for m in range(since[j, int(begin / group.slice_s)], counts[j] if j != k else 0):
             if plans[j, m, BEGIN] - _EARLIER_S >= own[END]:
                 break
             if plans[j, m, END] + _EARLIER_S <= begin:
                 continue
             q, q_after = int(plans[j, m, FROM]), int(plans[j, m, TO])
-            before = float(squared_distance(p, q, group.at))
+            before = float(squared_distance(p, q, group.board.at))
             if before >= far:
                 continue
-            parks = p_after == group.targets[k] and plans[j, m, END] == math.inf
-            need = share * (group.parked[k, j] if parks else group.kept)
+            parks = p_after == group.board.targets[k] and plans[j, m, END] == math.inf
+            need = share * (group.board.parked[k, j] if parks else group.board.kept)
             if first and before < need:
-                if squared_distance(p_after, q_after, group.at) <= before:
+                if squared_distance(p_after, q_after, group.board.at) <= before:
                     return False
-                if _apart(p, p_after, q, q_after, group.at) < before - _ROUNDING:
+                if _apart(p, p_after, q, q_after, group.board.at) < before - _ROUNDING:
                     return False
-            elif _apart(p, p_after, q, q_after, group.at) < need - _ROUNDING:
+            elif _apart(p, p_after, q, q_after, group.board.at) < need - _ROUNDING:
                 return False
     return True
 
@@ -160,11 +144,11 @@ def _is_clear(
 @inlined
 def _parks_from(group: Group, plans: np.ndarray, counts: np.ndarray, k: int, share: float) -> float:
     """Time in s from which robot k may be at its target; inf if never."""
-    target, soonest = group.targets[k], 0.0
+    target, soonest = group.board.targets[k], 0.0
     for j in range(len(counts)):
         for m in range(counts[j] if j != k else 0):
-            near = _to_line(target, int(plans[j, m, FROM]), int(plans[j, m, TO]), group.at)
-            need = group.parked[k, j] if plans[j, m, END] == math.inf else group.kept
+            near = _to_line(target, int(plans[j, m, FROM]), int(plans[j, m, TO]), group.board.at)
+            need = group.board.parked[k, j] if plans[j, m, END] == math.inf else group.board.kept
             if near < share * need - _ROUNDING:
                 soonest = max(soonest, plans[j, m, END] + _EARLIER_S)
     return soonest
@@ -204,7 +188,7 @@ def _search(
     Returns:
         When it ends, in s; inf if none is found.
     """
-    target, around, alone = group.targets[k], group.around[k, parked], group.around[k, 0]
+    target, around, alone = group.board.targets[k], group.around[k, parked], group.around[k, 0]
     parks_from = _parks_from(group, plans, counts, k, share)
     own, count = np.empty(4), 1
     nodes[0, 0], nodes[0, 1], nodes[0, 2] = int(plans[k, counts[k] - 1, TO]), axis, -1
@@ -218,8 +202,8 @@ def _search(
             _index(plans, counts, since, k, group.slice_s)
             return end
         for a in range(DIRECTION_COUNT):
-            q, next_axis = group.after[k, p, a], a % AXIS_COUNT
-            then = now + group.seconds[a, facing]
+            q, next_axis = group.board.after[k, p, a], a % AXIS_COUNT
+            then = now + group.board.seconds[a, facing]
             piece = int(then / group.slice_s)
             if q == BLOCKED or piece >= _SLICES or reached[q, next_axis, piece] == stamp:
                 continue
@@ -296,15 +280,15 @@ def plan(
         plans[i, 0, BEGIN], plans[i, 0, END] = -math.inf, _EARLIER_S
         plans[i, 0, FROM], plans[i, 0, TO] = cells[i], goals[i]
         if goals[i] != cells[i]:
-            facing[i] = axis_towards(cells[i], goals[i], group.at)
-            begins[i] = _LEFT * group.seconds[facing[i], axes[i]]
+            facing[i] = axis_towards(cells[i], goals[i], group.board.at)
+            begins[i] = _LEFT * group.board.seconds[facing[i], axes[i]]
             plans[i, 0, END] = begins[i]
-        if goals[i] == group.targets[i]:
+        if goals[i] == group.board.targets[i]:
             plans[i, 0, END] = math.inf
             at_targets |= 1 << i
         left[i] = begins[i] + group.around[i, 0, goals[i], facing[i]]
     order = np.argsort(left)
-    reached = np.zeros((len(group.at), AXIS_COUNT, _SLICES), dtype=np.int16)
+    reached = np.zeros((len(group.board.at), AXIS_COUNT, _SLICES), dtype=np.int16)
     nodes, clock = np.empty((_MOST_NODES, 3), dtype=np.int32), np.empty(_MOST_NODES)
     stamp, plans_made, best, own_ends = 0, 0, math.inf, np.empty(n)
     for turn in range(_ROUNDS + 1):
@@ -351,7 +335,7 @@ def _first_move(group: Group, plans: np.ndarray, counts: np.ndarray, i: int, cel
     """Direction of robot i's first planned move; without a plan the one that keeps furthest."""
     best, farthest = 0, -math.inf
     for a in range(DIRECTION_COUNT):
-        q, near = group.after[i, cell, a], math.inf
+        q, near = group.board.after[i, cell, a], math.inf
         if q == BLOCKED:
             continue
         if counts[i] > 1:
@@ -361,37 +345,24 @@ def _first_move(group: Group, plans: np.ndarray, counts: np.ndarray, i: int, cel
         for j in range(len(counts)):
             for m in range(min(counts[j], 2) if j != i else 0):
                 others = int(plans[j, m, FROM]), int(plans[j, m, TO])
-                near = min(near, _apart(cell, q, others[0], others[1], group.at))
+                near = min(near, _apart(cell, q, others[0], others[1], group.board.at))
         if near > farthest:
             best, farthest = a, near
     return best
 
 
 @kernel
-def _go_round(group: Group, k: int, parked: int, open_moves: np.ndarray, value: np.ndarray) -> None:
-    """Least times of robot k round others at their targets, `Group.around`; see `plan_group`."""
-    for p in range(len(group.at)):
+def _open_moves(board: Board, k: int, parked: int, after: np.ndarray) -> None:
+    """Write where robot k may move, (cells, 8), among others that have parked."""
+    for p in range(len(board.at)):
         for a in range(DIRECTION_COUNT):
-            q = group.after[k, p, a]
-            open_moves[p, a] = q not in (BLOCKED, p)
-            for j in range(len(group.targets)):
-                if open_moves[p, a] and (parked >> j) & 1:
-                    near = _to_line(group.targets[j], p, q, group.at)
-                    need = group.parked[k, j] if q == group.targets[k] else group.kept
-                    open_moves[p, a] = near >= need - _ROUNDING
-    changed = True
-    while changed:
-        changed = False
-        for p in range(len(group.at)):
-            for a in range(DIRECTION_COUNT):
-                if not open_moves[p, a]:
-                    continue
-                rest = value[group.after[k, p, a], a % AXIS_COUNT]
-                for axis in range(AXIS_COUNT):
-                    time = np.float32(group.seconds[a, axis] + rest)
-                    if time < value[p, axis]:
-                        value[p, axis] = time
-                        changed = True
+            q = after[p, a] = board.after[k, p, a]
+            for j in range(len(board.targets)):
+                if q not in (BLOCKED, p) and (parked >> j) & 1:
+                    near = _to_line(board.targets[j], p, q, board.at)
+                    need = board.parked[k, j] if q == board.targets[k] else board.kept
+                    if near < need - _ROUNDING:
+                        after[p, a] = BLOCKED
 
 
 def group_of(process: Process, moves: ObservedMoves) -> Group:
@@ -400,23 +371,18 @@ def group_of(process: Process, moves: ObservedMoves) -> Group:
     Args:
         process: of at most `MOST_CELLS` cells, and of no more robots than `MOST_TIMES` permits.
         moves: of one world.
-
-    Raises:
-        UserError: see `agent.moves.bound.mean_seconds`.
     """
-    after, at, targets = board_of(process)
-    n, cells = after.shape[:2]
+    board = board_of(process, moves)
+    n, cells = board.after.shape[:2]
     around = np.full((n, 1 << n, cells, AXIS_COUNT), np.inf, dtype=np.float32)
-    seconds, distances = move_seconds(moves), kept_distances(process, targets, at)
-    slice_s = _SLICE * float(seconds.min())
-    group = Group(after, seconds, around, targets, slice_s, *distances, at)
-    open_moves = np.empty((cells, DIRECTION_COUNT), dtype=np.bool_)
+    after = np.empty((cells, DIRECTION_COUNT), dtype=np.int64)
     for k in range(n):
         for parked in range(1 << n):
             if not (parked >> k) & 1:
-                around[k, parked, targets[k]] = 0.0
-                _go_round(group, k, parked, open_moves, around[k, parked])
-    return group
+                around[k, parked, board.targets[k]] = 0.0
+                _open_moves(board, k, parked, after)
+                iterate_alone(after, board.seconds, around[k, parked])
+    return Group(board, around, _SLICE * float(board.seconds.min()))
 
 
 @kernel

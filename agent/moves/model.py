@@ -78,22 +78,14 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cell_m: float = Scenario.cell_m
 
     def save(self, path: Path) -> None:
-        """Write as JSON, whole or not at all.
-
-        Raises:
-            OSError: the folder cannot be written.
-        """
+        """Write as JSON, whole or not at all."""
         content = {"schema_version": SCHEMA_VERSION} | msgspec.to_builtins(self)
         with replacing(path) as temporary:
             temporary.write_bytes(msgspec.json.encode(content) + b"\n")
 
     @classmethod
     def load(cls, path: Path) -> "ObservedMoves":
-        """Read what `save` wrote.
-
-        Raises:
-            UserError: no such file, or not a file of moves of this version.
-        """
+        """Read what `save` wrote."""
         fix = f"make one with `minirobots moves --out {path}`"
         kind = Kind("file of moves", fix)
         content = read_json(path, kind, dict)
@@ -147,11 +139,7 @@ def _turned_back(x: float, y: float, quadrants: int) -> tuple[float, float]:
 
 
 def require_rl_step(rl_step_s: float) -> None:
-    """Refuse moves with a longer RL step than the paper's.
-
-    Raises:
-        UserError: they are.
-    """
+    """Refuse moves with a longer RL step than the paper's."""
     if not 0.0 < rl_step_s <= TIMING.rl_step_s:
         raise UserError(
             f"moves with an RL step of {rl_step_s:g} s are not usable for learning; observe "
@@ -165,9 +153,6 @@ def build_model(moves: ObservedMoves, contact_cells: float) -> MoveModel:
     Args:
         moves: observed moves.
         contact_cells: centre distance in cells at which training counts a contact.
-
-    Raises:
-        UserError: a kind of move was never observed; or see `require_rl_step`.
     """
     require_rl_step(moves.rl_step_s)
     fastest = max(

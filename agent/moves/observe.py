@@ -145,10 +145,6 @@ def observe_moves(
         cell_m: edge of a cell.
         jobs: threads; the result does not depend on it.
         progress: receives the moves observed.
-
-    Raises:
-        FmuError: an FMU failed.
-        UserError: a robot cannot drive with these parameters.
     """
     middle = _SIDE_CELLS // 2
     scenario = Scenario(
@@ -226,10 +222,6 @@ def cached_moves(
 
     Args:
         config, fmu, progress, worlds, cell_m: see `observe_moves`.
-
-    Raises:
-        FmuError, UserError: see `observe_moves`.
-        OSError: the cache cannot be written.
     """
     path = moves_path(config, fmu, worlds)
     if cell_m != Scenario.cell_m:

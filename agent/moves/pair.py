@@ -2,13 +2,12 @@
 
 The state is each robot's cell and the axis that it faces. What a joint move costs is the mean times
 of both robots' moves; value iteration over all states gives the least sum of both robots' times.
-Robots end their moves at different moments, which the states leave out: joint moves keep a gap of
-`GAP_M`, from one pair of cells to the next and on the way, to leave room for it. If targets are
-nearer to each other, robots park one after the other. Values are kept as a delay over the times of
-robots that are alone, which compresses well.
+Robots end their moves at different moments, which the states leave out: joint moves keep a gap
+(`agent.moves.times.GAP_M`), from one pair of cells to the next and on the way, to leave room for
+it. If targets are nearer to each other, robots park one after the other. Values are kept as a delay
+over the times of robots that are alone, which compresses well.
 """
 
-import itertools
 import math
 from typing import NamedTuple
 
@@ -16,17 +15,16 @@ import numpy as np
 
 from agent.mdp.exact import Evaluation, count_moves, new_evaluation
 from agent.mdp.grid import AXIS, COLUMN_COUNT, X, Y, least_rotation_argmax, move, place
-from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, choices, joint_states
+from agent.mdp.joint import BLOCKED, IMPOSSIBLE, choices, joint_states
 from agent.mdp.readings import Process
-from agent.moves.bound import least_times, mean_seconds
-from agent.moves.model import ObservedMoves, move_kind
+from agent.moves.model import ObservedMoves
+from agent.moves.times import Board, axis_towards, board_of, least_times, squared_distance
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
 VERSION = 2  # of fastest paths, of one robot too: raise it when their bits change
 
-GAP_M = 0.0083  # assumed: between robots, as moves overlap in time
 GRAIN_S = 2.0**-4  # of delays
 UNREACHABLE = np.iinfo(np.uint16).max  # delay of a state without a way to the targets
 _SETTLED_S = 1e-3  # change of a value that ends the iteration
@@ -36,50 +34,16 @@ class PairTimes(NamedTuple):
     """Times by which two robots choose their moves.
 
     Attributes:
-        after: (2, cells, 8) int64, see `agent.mdp.joint.cells_after`.
-        seconds: (8, AXIS_COUNT) float64, mean time in s of a move by direction and axis before.
+        board: that they drive on.
         alone: (2, cells, AXIS_COUNT) float64, least time in s of each robot as if alone.
         delay: (cells, AXIS_COUNT, cells, AXIS_COUNT) uint16, by cell and axis of the first robot
             and of the second: least time of both together over the sum of `alone`, in `GRAIN_S`;
             `UNREACHABLE` where there is none.
-        at: (cells, 2) int64, column and row of each cell.
-        targets: (2,) int64, target cell of each robot.
-        kept: squared distance in cells² that robots keep, see `kept_distances`.
-        parked: the same where one of them is parked and the other one parks.
     """
 
-    after: np.ndarray
-    seconds: np.ndarray
+    board: Board
     alone: np.ndarray
     delay: np.ndarray
-    at: np.ndarray
-    targets: np.ndarray
-    kept: float
-    parked: float
-
-
-def kept_distances(
-    process: Process, targets: np.ndarray, at: np.ndarray
-) -> tuple[float, np.ndarray]:
-    """Return the squared distance in cells² that robots keep, and (N, N) that of parked ones.
-
-    Parked robots are as near as their targets.
-
-    Args:
-        process: for the size of robots and cells.
-        targets: (N,) int64, target cell of each robot.
-        at: (cells, 2) int64, column and row of each cell.
-    """
-    kept = (2.0 * math.sqrt(process.squared_radius) + GAP_M / process.cell_m) ** 2
-    between = ((at[targets][:, None] - at[targets]) ** 2).sum(axis=2)
-    return kept, np.minimum(kept, between)
-
-
-@inlined
-def squared_distance(p: int, q: int, at: np.ndarray) -> int:
-    """Squared distance of two cells."""
-    x, y = at[p, 0] - at[q, 0], at[p, 1] - at[q, 1]
-    return x * x + y * y
 
 
 @inlined
@@ -94,34 +58,34 @@ def _nearest(p: int, q: int, p_after: int, q_after: int, at: np.ndarray) -> floa
 
 
 @inlined
-def _keeps_apart(times: PairTimes, p: int, q: int, p_after: int, q_after: int) -> bool:
+def _keeps_apart(board: Board, p: int, q: int, p_after: int, q_after: int) -> bool:
     """Return whether two robots may move from cells p and q at once.
 
-    They keep `kept_distances`, or where they are nearer already move apart.
+    They keep the board's distances, or where they are nearer already move apart.
     """
-    at, targets, kept = times.at, times.targets, times.kept
+    at, targets, kept = board.at, board.targets, board.kept
     before, ended = squared_distance(p, q, at), squared_distance(p_after, q_after, at)
     if min(before, ended) >= (math.sqrt(kept) + 2.0 * math.sqrt(2.0)) ** 2:  # moves of up to √2
         return True
     one_is_parked = p == targets[0] or q == targets[1]
     if one_is_parked and p_after == targets[0] and q_after == targets[1]:
-        kept = times.parked
+        kept = board.parked[0, 1]
     if ended < kept and ended <= before:
         return False
     return _nearest(p, q, p_after, q_after, at) >= min(kept, float(before)) - 1e-9
 
 
 @kernel
-def _sweep(times: PairTimes, order: np.ndarray, free: np.ndarray, value: np.ndarray) -> float:
+def _sweep(board: Board, order: np.ndarray, free: np.ndarray, value: np.ndarray) -> float:
     """Update all states once, in place; return the largest change in s.
 
     Args:
-        times: without delays.
+        board: that they drive on.
         order: (2, cells) int64, cells of each robot by its time alone, the nearest first.
         free: (cells, cells) bool, cells in which robots may be and continue.
         value: (cells, AXIS_COUNT, cells, AXIS_COUNT) float32 in s; updated.
     """
-    after, seconds = times.after, times.seconds
+    after, seconds = board.after, board.seconds
     cells, changed = after.shape[1], 0.0
     best, new = np.empty(AXIS_COUNT), np.empty((AXIS_COUNT, AXIS_COUNT))
     for state in range(cells * cells):
@@ -137,7 +101,7 @@ def _sweep(times: PairTimes, order: np.ndarray, free: np.ndarray, value: np.ndar
             best[:] = np.inf
             for b in range(q_choices):
                 q_after = after[1, q, b]
-                if q_after == BLOCKED or not _keeps_apart(times, p, q, p_after, q_after):
+                if q_after == BLOCKED or not _keeps_apart(board, p, q, p_after, q_after):
                     continue
                 rest = value[p_after, a % AXIS_COUNT, q_after, b % AXIS_COUNT]
                 if rest == np.inf:
@@ -159,85 +123,21 @@ def _sweep(times: PairTimes, order: np.ndarray, free: np.ndarray, value: np.ndar
     return changed
 
 
-def move_seconds(moves: ObservedMoves) -> np.ndarray:
-    """(8, AXIS_COUNT) float64, mean time in s of a move by direction and axis before.
-
-    Raises:
-        UserError: see `agent.moves.bound.mean_seconds`.
-    """
-    directions = range(DIRECTION_COUNT)
-    kinds = np.array([[move_kind(a, axis) for axis in range(AXIS_COUNT)] for a in directions])
-    return mean_seconds(moves)[kinds]
-
-
-def board_of(process: Process) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the moves, the cells and the targets of robots that plan.
-
-    No move leads next to another robot's target cell, because robots would drift into it.
-
-    Returns:
-        (N, cells, 8) int64, see `agent.mdp.joint.cells_after`; (cells, 2) int64, column and row of
-        each cell; (N,) int64, target cell of each robot.
-    """
-    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
-    cells, rows = after.shape[1], process.terrain.shape[2] - 2
-    at = np.stack(np.divmod(np.arange(cells), rows), axis=1)
-    targets = (after[:, :, 0] == np.arange(cells)).argmax(axis=1)
-    for own, other in itertools.permutations(range(len(after)), 2):
-        away = abs(at - at[targets[other]]).max(axis=1)
-        enters = (away[after[own]] <= 1) & (away[after[own]] <= away[:, None])
-        after[own] = np.where(enters, BLOCKED, after[own])
-    return after, at, targets
-
-
-def moves_of_pair(process: Process, moves: ObservedMoves) -> PairTimes:
-    """Return a pair's costs of moves and of single robots, with a delay of 0 everywhere.
-
-    Args:
-        process: of two robots.
-        moves: of one world.
-
-    Raises:
-        UserError: see `agent.moves.bound.mean_seconds`.
-    """
-    after, at, targets = board_of(process)
-    kept, parked = kept_distances(process, targets, at)
-    delay = np.zeros((len(at), AXIS_COUNT) * 2, dtype=np.uint16)
-    seconds, alone = move_seconds(moves), least_times(process, moves)
-    return PairTimes(after, seconds, alone, delay, at, targets, kept, float(parked[0, 1]))
-
-
 def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
-    """Return the least times of two robots together, from all cells and axes.
-
-    Args:
-        process: of two robots.
-        moves: of one world.
-
-    Raises:
-        UserError: see `agent.moves.bound.mean_seconds`.
-    """
-    times = moves_of_pair(process, moves)
-    alone = times.alone
+    """Return the least times of two robots together on moves of one world, from all cells."""
+    board, alone = board_of(process, moves), least_times(process, moves)
     free, end = joint_states(process)
-    value = np.full(times.delay.shape, np.inf, dtype=np.float32)
+    value = np.full((len(board.at), AXIS_COUNT) * 2, np.inf, dtype=np.float32)
     value[np.argwhere(end)[:, 0], :, np.argwhere(end)[:, 1]] = 0.0
     order = alone.min(axis=2).argsort(axis=1, kind="stable")
-    while _sweep(times, order, free, value) > _SETTLED_S:
+    while _sweep(board, order, free, value) > _SETTLED_S:
         pass
     value -= np.where(np.isfinite(alone[0]), alone[0], 0.0).astype(np.float32)[:, :, None, None]
     value -= np.where(np.isfinite(alone[1]), alone[1], 0.0).astype(np.float32)
     value /= np.float32(GRAIN_S)
     np.rint(value, out=value)
     value[~(value < UNREACHABLE)] = UNREACHABLE
-    return times._replace(delay=value.clip(0, UNREACHABLE).astype(np.uint16))
-
-
-@inlined
-def axis_towards(cell: int, goal: int, at: np.ndarray) -> int:
-    """Axis of the move that leads from a cell to another one."""
-    x, y = at[goal, 0] - at[cell, 0], at[goal, 1] - at[cell, 1]
-    return 0 if y == 0 else 2 if x == 0 else 1 if x * y > 0 else 3
+    return PairTimes(board, alone, value.clip(0, UNREACHABLE).astype(np.uint16))
 
 
 @inlined
@@ -266,27 +166,28 @@ def pair_values(
         axes: (2,) int64, axis that each robot faces.
         values: (2, 8) float32, minus the time in s of both robots; updated.
     """
-    at = times.at
+    board = times.board
+    at, after, seconds = board.at, board.after, board.seconds
     p, q = cells[0], cells[1]
     values[:] = IMPOSSIBLE
     p_driven, q_driven = goals[0] != p, goals[1] != q
-    p_choices = 1 if p_driven else choices(times.after, 0, p)
-    q_choices = 1 if q_driven else choices(times.after, 1, q)
+    p_choices = 1 if p_driven else choices(after, 0, p)
+    q_choices = 1 if q_driven else choices(after, 1, q)
     p_stays, q_stays = p_driven or p_choices == 1, q_driven or q_choices == 1
     least, best_a, best_b, farthest = math.inf, -1, -1, -1
     for a in range(p_choices):
-        p_after = goals[0] if p_driven else times.after[0, p, a]
+        p_after = goals[0] if p_driven else after[0, p, a]
         if p_after == BLOCKED:
             continue
         p_axis = axis_towards(p, p_after, at) if p_driven else a % AXIS_COUNT
         for b in range(q_choices):
-            q_after = goals[1] if q_driven else times.after[1, q, b]
+            q_after = goals[1] if q_driven else after[1, q, b]
             if q_after == BLOCKED:
                 continue
             apart = (
-                _keeps_apart(times, p, q, p_after, q_after)
-                and (not q_driven or _keeps_apart(times, p, q_after, p_after, q_after))
-                and (not p_driven or _keeps_apart(times, p_after, q, p_after, q_after))
+                _keeps_apart(board, p, q, p_after, q_after)
+                and (not q_driven or _keeps_apart(board, p, q_after, p_after, q_after))
+                and (not p_driven or _keeps_apart(board, p_after, q, p_after, q_after))
             )
             if not apart:
                 near = np.float32(IMPOSSIBLE + _nearest(p, q, p_after, q_after, at))
@@ -295,8 +196,8 @@ def pair_values(
                 continue
             q_axis = axis_towards(q, q_after, at) if q_driven else b % AXIS_COUNT
             time = (
-                (0.0 if p_stays else times.seconds[a, axes[0]])
-                + (0.0 if q_stays else times.seconds[b, axes[1]])
+                (0.0 if p_stays else seconds[a, axes[0]])
+                + (0.0 if q_stays else seconds[b, axes[1]])
                 + _time(times, p_after, p_axis, q_after, q_axis)
             )
             if time == math.inf:

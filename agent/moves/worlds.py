@@ -104,9 +104,6 @@ def checked_ranges(worlds: Any, config: CoSimConfig) -> WorldRange:
     Args:
         worlds: as a user gives them.
         config: of its robots.
-
-    Raises:
-        UserError: these are no ranges, or a world at their ends is invalid.
     """
     if not isinstance(worlds, WorldRange):
         raise ConfigError(

@@ -1,7 +1,5 @@
 """Policies as studies take them: files, methods by name, and any object with `act` or `drive`."""
 
-import importlib
-import sys
 import uuid
 from functools import cached_property, partial
 from pathlib import Path
@@ -11,9 +9,9 @@ from typing import Any
 from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.readings import Process, build_process
-from agent.method import method_policy
-from agent.policies import load_policy
-from agent.training.settings import METHODS
+from agent.training.methods import METHODS, Method, find_method, imported, method_config
+from agent.training.policy import load_policy
+from agent.training.store import find_or_make
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError, shorten
 from cosim.base.progress import Progress, silent
@@ -98,10 +96,10 @@ def policy_of(
         raise ConfigError(
             f"policy = {shorten(given)} needs a scenario; name one (scenario, --scenario)"
         )
-    if name in METHODS:
-        assert name is not None
-        return method_policy(name, scenario, seed, progress=progress)[0]
-    found: Any = given if name is None else _imported(name)
+    found: Any = given if name is None else METHODS.get(name) or _imported(name)
+    if isinstance(found, Method):
+        config = method_config(found, scenario, seed, progress=progress)
+        return find_or_make(config, progress=progress)[0]
     drives(found)
     return ObjectPolicy(found, scenario)
 
@@ -110,18 +108,16 @@ def trained(
     method: str, board: Scenario, out: Path, seed: int, progress: Progress = silent
 ) -> GreedyPolicy:
     """Return the policy of a method for a board, which is kept in the folder of a study, too."""
-    policy, *_ = method_policy(method, board, seed, progress=progress)
+    config = method_config(find_method(method), board, seed, progress=progress)
+    policy, *_ = find_or_make(config, progress=progress)
     policy.save(out / "policies" / f"{board.name}-{method}.npz")
     return policy
 
 
 def _imported(name: str) -> Any:
     """Return the object "module:Name", an instance where that is a class."""
-    module, _, attribute = name.partition(":")
-    if str(Path.cwd()) not in sys.path:  # modules of the folder that the command runs in
-        sys.path.append(str(Path.cwd()))
     try:
-        found = getattr(importlib.import_module(module), attribute)
+        found = imported(name)
         return found() if isinstance(found, type) else found
     except (Exception, SystemExit) as error:  # whatever a user's module does
         raise ConfigError(

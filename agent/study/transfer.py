@@ -34,7 +34,8 @@ from agent.study.episodes import (
 from agent.study.plot import draw_measure
 from agent.study.policies import trained
 from agent.study.store import EpisodeStore
-from agent.training.settings import COMPARED, METHODS
+from agent.training.methods import METHODS
+from agent.training.settings import COMPARED
 from cosim.base.jobs import Workers, until
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing

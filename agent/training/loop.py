@@ -1,10 +1,10 @@
 """One training run from start to end: chunks with progress, and learning curves.
 
-The compiled loop is `agent.training.qlearning`; where results are kept is `agent.training.store`;
-many runs at once are `agent.training.runs`. How a run is cut into chunks cannot change its bits.
+The compiled loops are `agent.training.qlearning`, `moves_qlearning` and `rules`; where results are
+kept is `agent.training.store`; many runs at once are `agent.training.runs`. How a run is cut into
+chunks cannot change its bits.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,10 +27,13 @@ from agent.training.learning import (
     initial_state,
     map_points,
 )
+from agent.training.methods import find_method
 from agent.training.moves_qlearning import advance_moves
-from agent.training.policy import PolicyConfig
+from agent.training.policy import Policy, PolicyConfig
 from agent.training.qlearning import advance
+from agent.training.rules import advance_by
 from agent.training.settings import LearningConfig
+from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import replacing
 from cosim.model.outcome import Outcome
@@ -38,25 +41,6 @@ from cosim.model.outcome import Outcome
 # Learning curves evaluate up to this many of the `joint_starts`, evenly spaced if there are more.
 MAX_CURVE_STARTS = 5_000
 CHUNK_EPISODES = 50_000  # about 0.1 s: progress moves and Ctrl-C answers
-
-
-class TrainingProgress(NamedTuple):
-    """Progress of a run, given to the progress callback after every chunk.
-
-    Attributes:
-        episode: episodes done.
-        episodes: episodes in all.
-        success: success rate at the last finished point of the learning curve; NaN before it.
-        epsilon: exploration probability of the last episode.
-    """
-
-    episode: int
-    episodes: int
-    success: float
-    epsilon: float
-
-
-ProgressCallback = Callable[[TrainingProgress], None]
 
 
 _FILE = Kind("file of learning curves", "train again")
@@ -100,11 +84,7 @@ class TrainingLog(NamedTuple):
 
     @classmethod
     def load(cls, path: Path) -> "TrainingLog":
-        """Read what `save` wrote.
-
-        Raises:
-            FileError: it is missing or damaged.
-        """
+        """Read what `save` wrote."""
         return cls(**read_arrays(path, _FILE, cls._fields))
 
 
@@ -126,33 +106,31 @@ def move_model(config: PolicyConfig) -> MoveModel | None:
     return build_model(config.moves, contact_m / scenario.cell_m)
 
 
-def run_training(task: PolicyConfig, *, progress: ProgressCallback | None = None) -> TrainingState:
-    """Train from nothing to the last episode.
+def learn(config: PolicyConfig, progress: Progress = silent) -> tuple[Policy, TrainingLog]:
+    """Train from nothing to the last episode, without looking at or writing any file.
 
     Args:
-        task: the configuration of the run.
-        progress: called after every chunk.
-
-    Raises:
-        UserError: the scenario cannot be used with these interpretations, or a robot has a start
-            without a path to its target.
+        config: of the run.
+        progress: receives the episodes done after every chunk.
     """
-    config = task.learning
-    process, model = build_process(task.scenario, task.process), move_model(task)
+    numbers = config.learning
+    process, model = build_process(config.scenario, config.process), move_model(config)
     require_paths_alone(process)
-    learning = build_learning(config)
-    state = initial_state(process, config, task.seed.sequence())
-    evaluations = greedy_episodes(config)
+    learning, rule = build_learning(numbers), find_method(config.method).update
+    state = initial_state(process, numbers, config.seed.sequence())
+    evaluations = greedy_episodes(numbers)
     starts = some_starts(process, MAX_CURVE_STARTS)
-    while state.episode < config.episodes:
-        until = min(config.episodes, (state.episode // CHUNK_EPISODES + 1) * CHUNK_EPISODES)
+    while state.episode < numbers.episodes:
+        until = min(numbers.episodes, (state.episode // CHUNK_EPISODES + 1) * CHUNK_EPISODES)
         due = np.searchsorted(evaluations, state.episode, side="right")
         if due < len(evaluations):
             until = min(until, int(evaluations[due]))
-        if model is None:
-            advance(process, learning, state, until)
-        else:
+        if model is not None:
             advance_moves(process, model, learning, state, until)
+        elif rule is not None:
+            advance_by(rule, process, learning, state, until)
+        else:
+            advance(process, learning, state, until)
         if until in evaluations:
             values = state.q.mean(axis=0) if len(state.q) > 1 else state.q[0]
             result = evaluate(process, values, starts)
@@ -161,26 +139,19 @@ def run_training(task: PolicyConfig, *, progress: ProgressCallback | None = None
                 result.mean_path_cells(),
                 result.mean_steps(),
             )
-            for moment in np.flatnonzero(map_points(config)[: len(state.maps)] == due):
+            for moment in np.flatnonzero(map_points(numbers)[: len(state.maps)] == due):
                 state.maps[moment] = [
                     cell_map(process, table, visits)
                     for table, visits in zip(values, state.visits, strict=True)
                 ]
-        if progress is not None:
-            progress(_progress(config, state))
-    return state
-
-
-def _progress(config: LearningConfig, state: TrainingState) -> TrainingProgress:
-    finished = state.episode // config.log_episodes
-    last = state.curve[finished - 1] if finished else np.full(2, np.nan)
-    epsilon = epsilon_of_episodes(config, np.array([state.episode - 1]))
-    return TrainingProgress(
-        state.episode,
-        config.episodes,
-        float(last[SUCCESSES] / last[EPISODES]),
-        float(epsilon[0]),
-    )
+        finished = until // numbers.log_episodes
+        last = state.curve[finished - 1] if finished else np.full(2, np.nan)
+        epsilon = epsilon_of_episodes(numbers, np.array([until - 1]))[0]
+        success = float(last[SUCCESSES] / last[EPISODES])
+        now = f"success {success:.1%}  ε {epsilon:.3f}"
+        progress("training", until, numbers.episodes, now)
+    policy = Policy(config, state.q, state.visits, state.random, state.episode)
+    return policy, training_log(numbers, state, config.scenario.cell_m)
 
 
 def training_log(config: LearningConfig, state: TrainingState, cell_m: float) -> TrainingLog:

@@ -1,40 +1,51 @@
-"""A trained policy: what to do at an observation, and its file.
+"""Policies: what to do at an observation, by tables or by plans, and their files.
 
-The file is one `.npz` (Q tables, visit counts, generator state, and its configuration as JSON)
-with the same JSON next to it for people; nothing in it is executed on loading. Training is in
-`agent.training.qlearning`, the cache of trained policies in `agent.training.store`.
+The file of a policy is one `.npz` (its arrays, and its configuration as JSON) with the same JSON
+next to it for people; nothing in it is executed on loading. The cache of policies is
+`agent.training.store`.
 """
 
 import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any, Self
 
 import msgspec
 import numpy as np
 
-from agent.mdp.config import Computed, ProcessConfig, refuse_without_effect
-from agent.mdp.exact import Evaluation, cell_map, evaluate
+from agent.mdp.config import ProcessConfig, refuse_without_effect
+from agent.mdp.exact import Evaluation, cell_map, evaluate, joint_starts, some_starts
 from agent.mdp.greedy import GreedyPolicy, on_grid
-from agent.mdp.optimum import computed_tables
+from agent.mdp.grid import STARTING_AXIS
+from agent.mdp.joint import BLOCKED, IMPOSSIBLE
+from agent.mdp.optimum import require_paths
 from agent.mdp.readings import build_process
-from agent.moves.bound import fastest_tables
+from agent.moves.group import MOST_CELLS, MOST_TIMES, Group, evaluate_group, group_of, plan
 from agent.moves.model import ObservedMoves
-from agent.training.learning import VERSION, TrainingState
+from agent.moves.pair import (
+    UNREACHABLE,
+    PairTimes,
+    evaluate_pair,
+    pair_values,
+    solve_pair,
+)
+from agent.moves.times import Board, board_of, least_times
+from agent.training.learning import VERSION
 from agent.training.settings import LearningConfig
 from cosim.base.errors import FileError, UserError
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
-from cosim.onboard.features import DIRECTION_COUNT, Observation
+from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
 from cosim.recording.policy_map import PolicyMap
 
 SCHEMA_VERSION = 1
-
-
-FILE = Kind("policy file", "name a policy.npz that training has saved")
+_FILE = Kind("policy file", "name a policy.npz that training has saved")
 _CONFIG = Kind("policy's configuration", "train it again")
+_GRID_STARTS = 50  # assumed: of evaluations of groups on the grid, some 0.3 s each
+_KEPT = 4096  # plans that are kept: policies are asked again before anything has changed
 
 
 class Seed(msgspec.Struct, frozen=True):
@@ -58,14 +69,8 @@ class Seed(msgspec.Struct, frozen=True):
 class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Everything that decides the bits of a policy, kept in its file.
 
-    With moves it was trained on these, without on the grid, with an objective computed. Its kernel
-    version names the version of what made it.
-
-    Raises:
-        UserError: an interpretation of the process has no effect on what it is trained on, or
-            the moves were observed on cells of another size.
-        UserError: there is an objective, and something is said of learning, or moves are given
-            where they do not matter or missing where they do.
+    With moves it was trained on these, without on the grid. Its kernel version names the version
+    of what made it.
     """
 
     scenario: Scenario
@@ -73,33 +78,25 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     learning: LearningConfig
     seed: Seed
     moves: ObservedMoves | None = None
-    objective: Computed | None = None
+    method: str = "paper"
     schema_version: int = SCHEMA_VERSION
     kernel_version: str = f"training {VERSION}"
 
     def __post_init__(self) -> None:
         where = "training on the grid" if self.moves is None else "training on moves"
         refuse_without_effect(self.process, where)
-        if self.moves is not None and self.moves.cell_m != self.scenario.cell_m:
+        if self.moves is None:
+            return
+        if self.moves.cell_m != self.scenario.cell_m:
             raise UserError(
                 f"moves = those on cells of {self.moves.cell_m:g} m do not fit scenario "
                 f"{self.scenario.name} with cells of {self.scenario.cell_m:g} m; observe some with "
                 f"`minirobots moves --cell {self.scenario.cell_m:g}`"
             )
-        asked_as_ever = self.moves is not None and self.moves.rl_step_s == TIMING.rl_step_s
-        if asked_as_ever and self.process.reward_per == "time":
+        if self.moves.rl_step_s == TIMING.rl_step_s and self.process.reward_per == "time":
             raise UserError(
                 "process: reward_per = time has no effect on moves with an RL step of "
                 f"{TIMING.rl_step_s:g} s, where both are the same; leave it at step"
-            )
-        if self.objective is None:
-            return
-        if self.learning != LearningConfig():
-            raise UserError(f"learning has no effect on {self.objective} paths; leave it out")
-        if (self.objective in {"fastest", "planned"}) != (self.moves is not None):
-            raise UserError(
-                "only fastest and planned paths use observed moves; "
-                f"{'leave them out' if self.moves else 'give some'}"
             )
 
 
@@ -121,38 +118,12 @@ class Policy(GreedyPolicy):
         episodes: episodes trained.
     """
 
+    kind = "table"
     config: PolicyConfig
     q: np.ndarray
     visits: np.ndarray
     random: np.ndarray
-    episodes: int
-
-    def __repr__(self) -> str:
-        on = "on moves" if self.config.moves else "on the grid"
-        made = self.config.objective or f"{self.episodes} episodes"
-        return f"Policy(scenario {self.config.scenario.name}, {made} {on})"
-
-    @classmethod
-    def of_training(cls, config: PolicyConfig, state: TrainingState) -> "Policy":
-        """Snapshot of a training run."""
-        arrays = (state.q.copy(), state.visits.copy(), state.random.copy())
-        return cls(config, *arrays, episodes=state.episode)
-
-    @classmethod
-    def computed(cls, config: PolicyConfig) -> "Policy":
-        """Compute the policy of a configuration with an objective.
-
-        Raises:
-            UserError: the scenario is too large to compute optimal paths.
-        """
-        assert config.objective is not None
-        process = build_process(config.scenario, config.process)
-        if config.moves is None:
-            tables, decided = computed_tables(process, config.objective)
-        else:
-            tables, decided = fastest_tables(process, config.moves)
-        unused = np.zeros(1, dtype=np.uint64)
-        return cls(config, tables[None], decided.astype(np.uint32), unused, episodes=0)
+    episodes: int = 0
 
     @cached_property
     def values(self) -> np.ndarray:
@@ -160,11 +131,7 @@ class Policy(GreedyPolicy):
         return self.q.mean(axis=0) if len(self.q) > 1 else self.q[0]
 
     def states(self, observation: Observation) -> np.ndarray:
-        """(N,) int64, row of each robot's table for an observation.
-
-        Raises:
-            ValueError: a cell is off the board, or the number of robots differs.
-        """
+        """(N,) int64, row of each robot's table for an observation."""
         seen = self.seen(observation)
         _, states = on_grid(self.process, seen)
         if states[0] < 0:
@@ -172,11 +139,11 @@ class Policy(GreedyPolicy):
         return states
 
     def q_values(self, observation: Observation) -> np.ndarray:
-        """(N, 8) float32, action values of each robot."""
+        """See `GreedyPolicy.q_values`."""
         return self.values[np.arange(len(self.values)), self.states(observation)]
 
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """Greedy episodes on the grid, see `agent.mdp.exact.evaluate`."""
+        """See `GreedyPolicy.evaluate`."""
         return evaluate(self.process, self.values, starts)
 
     def digest(self) -> str:
@@ -188,26 +155,8 @@ class Policy(GreedyPolicy):
         tables = zip(self.values, self.visits, strict=True)
         return [cell_map(self.process, values, visits) for values, visits in tables]
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Tables, visits and generator state."""
-        return {"q": self.q, "visits": self.visits, "random": self.random}
-
-    @classmethod
-    def load(cls, path: Path | str) -> "Policy":
-        """Read a policy.
-
-        Raises:
-            FileError: no such file, not a policy, or another schema.
-        """
-        config, episodes, arrays = read_policy(path, ("q", "visits", "random"))
-        with parsing(Path(path), _CONFIG):
-            policy = cls(config, **arrays, episodes=episodes)
-            consistent = policy._consistent()
-        if not consistent:
-            raise FileError(f"{path}: tables and configuration do not fit; train it again")
-        return policy
-
-    def _consistent(self) -> bool:
+    def fits(self) -> bool:
+        """See `GreedyPolicy.fits`."""
         tables = 2 if self.config.learning.algorithm == "double_q" else 1
         shape = (tables, self.config.scenario.robots, self.process.state_count, DIRECTION_COUNT)
         return (
@@ -217,28 +166,231 @@ class Policy(GreedyPolicy):
             and bool(np.isfinite(self.q).all())
         )
 
+    @classmethod
+    def load(cls, path: Path | str) -> Self:
+        """Read a policy of this class; see `load_policy`."""
+        policy = load_policy(path)
+        if not isinstance(policy, cls):
+            raise FileError(f"{path}: not a policy with tables; read it with minirobots.load")
+        return policy
 
-def read_policy(
-    path: Path | str, names: tuple[str, ...]
-) -> tuple[PolicyConfig, int, dict[str, np.ndarray]]:
-    """Return configuration, trained episodes and the arrays of these names of a policy file.
 
-    Raises:
-        FileError: no such file, not a policy, another schema, or damaged.
+def table_policy(config: PolicyConfig, values: np.ndarray, decided: np.ndarray) -> Policy:
+    """Return a policy whose tables are computed.
+
+    Args:
+        config: of the policy.
+        values: (N, states, 8) action values.
+        decided: (N, states) bool, whether there is anything to decide and a path to the target.
     """
+    tables = np.asarray(values, dtype=np.float32)[None]
+    return Policy(config, tables, decided.astype(np.uint32), np.zeros(1, dtype=np.uint64))
+
+
+class _OnTimes(GreedyPolicy):
+    """Policy of robots that know the times of their moves, `times`."""
+
+    config: PolicyConfig
+
+    def numbered(self, observation: Observation) -> np.ndarray:
+        """(3, N) int64, numbers of the robots' cells and goals, and the axes that they face."""
+        seen, scenario = self.seen(observation), self.config.scenario
+        size = np.array((scenario.columns, scenario.rows))
+        if ((seen.cells < 0) | (seen.cells >= size)).any():
+            raise ValueError(f"cells {seen.cells.tolist()} are off the board")
+        cells = seen.cells @ (scenario.rows, 1)
+        goals = seen.goals.clip(0, size - 1) @ (scenario.rows, 1) if len(seen.goals) else cells
+        return np.stack([cells, goals, seen.direction % AXIS_COUNT])
+
+    def alone_maps(self, board: Board, alone: np.ndarray) -> list[PolicyMap]:
+        """Maps of each robot as if alone: minus its least time, the direction that leads to it."""
+        scenario = self.config.scenario
+        shape, axes = (scenario.columns, scenario.rows), np.arange(DIRECTION_COUNT) % AXIS_COUNT
+        found = []
+        for own_after, own in zip(board.after, alone, strict=True):
+            rest = np.where(own_after == BLOCKED, np.inf, own[own_after, axes])
+            action = (board.seconds[:, STARTING_AXIS] + rest).argmin(axis=1)
+            value = -own[:, STARTING_AXIS]
+            reached = np.isfinite(value) & (value < 0.0)
+            layers = np.where(reached, value, 0.0), action, reached.astype(float)
+            found.append(PolicyMap(*(layer.reshape(shape) for layer in layers)))
+        return found
+
+
+@dataclass(frozen=True, repr=False)
+class PairPolicy(_OnTimes):
+    """Joint moves of least time of two robots, looked for one move ahead.
+
+    Attributes:
+        config: with moves of robots that drive through cells.
+        delay: see `agent.moves.pair.PairTimes`.
+        episodes: of training; none.
+    """
+
+    kind = "pair"
+    config: PolicyConfig
+    delay: np.ndarray
+    episodes: int = 0
+
+    @classmethod
+    def computed(cls, config: PolicyConfig) -> "PairPolicy":
+        """Compute the policy of a configuration; some seconds, and some 200 MB meanwhile."""
+        assert config.moves is not None
+        process = build_process(config.scenario, config.process)
+        delay = solve_pair(process, config.moves).delay
+        begun = delay[:, STARTING_AXIS, :, STARTING_AXIS]
+        require_paths(process, np.where(begun == UNREACHABLE, np.inf, begun))
+        return cls(config, delay)
+
+    @cached_property
+    def times(self) -> PairTimes:
+        """Return what moves are chosen by."""
+        assert self.config.moves is not None
+        board = board_of(self.process, self.config.moves)
+        return PairTimes(board, least_times(self.process, self.config.moves), self.delay)
+
+    def q_values(self, observation: Observation) -> np.ndarray:
+        """(2, 8) float32, minus the time in s of both robots if the other does what is best."""
+        cells, goals, axes = self.numbered(observation)
+        values = np.empty((2, DIRECTION_COUNT), dtype=np.float32)
+        pair_values(self.times, cells, goals, axes, values)
+        return values
+
+    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
+        """See `GreedyPolicy.evaluate`."""
+        starts = joint_starts(self.process) if starts is None else starts
+        return evaluate_pair(self.process, self.times, starts)
+
+    def digest(self) -> str:
+        """Hash (16 hex digits) of the readings of the process and of all times."""
+        return digest_of(self.config.process, *self.times.board, *self.times[1:])
+
+    def maps(self) -> list[PolicyMap]:
+        """See `GreedyPolicy.maps`."""
+        return self.alone_maps(self.times.board, self.times.alone)
+
+    def fits(self) -> bool:
+        """See `GreedyPolicy.fits`."""
+        cells = self.config.scenario.columns * self.config.scenario.rows
+        shape = (cells, AXIS_COUNT) * 2
+        return (self.delay.shape, self.delay.dtype) == (shape, np.uint16)
+
+
+def can_plan(scenario: Scenario) -> bool:
+    """Return whether the robots and cells of a board are few enough to plan for."""
+    robots, cells = scenario.robots, scenario.columns * scenario.rows
+    return cells <= MOST_CELLS and robots * 2**robots * cells <= MOST_TIMES
+
+
+@dataclass(frozen=True, repr=False)
+class GroupPolicy(_OnTimes):
+    """Moves of the robots' plans (`agent.moves.group`), which are made while they drive.
+
+    Attributes:
+        config: with moves of robots that drive through cells.
+        episodes: of training; none.
+    """
+
+    kind = "group"
+    config: PolicyConfig
+    episodes: int = 0
+
+    @classmethod
+    def computed(cls, config: PolicyConfig) -> "GroupPolicy":
+        """Return the policy of a configuration."""
+        scenario = config.scenario
+        if not can_plan(scenario):
+            robots, cells = scenario.robots, scenario.columns * scenario.rows
+            raise UserError(
+                f"scenario {scenario.name} has {robots} robots on {cells} cells, which is too much "
+                f"to plan for: at most {MOST_CELLS} cells, and with 8 robots {MOST_TIMES // 2048}; "
+                "choose a method that learns, such as moves"
+            )
+        policy = cls(config)
+        require_paths(policy.process, policy.group.around[:, 0].min(axis=2), alone=True)
+        return policy
+
+    @cached_property
+    def group(self) -> Group:
+        """Return what plans are made by."""
+        assert self.config.moves is not None
+        return group_of(self.process, self.config.moves)
+
+    @cached_property
+    def _plans(self) -> dict[bytes, np.ndarray]:
+        return {}
+
+    def q_values(self, observation: Observation) -> np.ndarray:
+        """(N, 8) float32, minus the time in s that the plan of a robot takes, at its first move.
+
+        Other moves, and all moves of robots that do not wait, have no value.
+        """
+        numbers = self.numbered(observation)
+        asked = numbers.tobytes()
+        values = self._plans.get(asked)  # another thread may clear the plans at any time
+        if values is None:
+            robots = numbers.shape[1]
+            actions, ends = np.empty(robots, dtype=np.int64), np.empty(robots)
+            cells, goals, axes = numbers
+            plan(self.group, cells, goals, axes, actions, ends)
+            values = np.full((robots, DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
+            waits = np.flatnonzero(actions >= 0)
+            values[waits, actions[waits]] = -ends[waits].clip(0.0, -0.4 * IMPOSSIBLE)
+            if len(self._plans) >= _KEPT:
+                self._plans.clear()
+            self._plans[asked] = values
+        return values.copy()
+
+    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
+        """See `GreedyPolicy.evaluate`; by default from some starts."""
+        starts = some_starts(self.process, _GRID_STARTS) if starts is None else starts
+        return evaluate_group(self.process, self.group, starts)
+
+    def digest(self) -> str:
+        """Hash (16 hex digits) of the readings, of the version, and of what plans are made by."""
+        return digest_of(
+            self.config.process, self.config.kernel_version, *self.group.board, *self.group[1:]
+        )
+
+    def maps(self) -> list[PolicyMap]:
+        """See `GreedyPolicy.maps`."""
+        return self.alone_maps(self.group.board, self.group.around[:, 0].astype(float))
+
+
+_KINDS = {kind.kind: kind for kind in (Policy, PairPolicy, GroupPolicy)}
+
+
+def load_policy(path: Path | str, scenario: Scenario | None = None) -> Any:
+    """Return the policy of a file, of any kind; with `scenario`, only if it has that geometry."""
     path = Path(path)
-    arrays = read_arrays(path, FILE, (*names, "config"))
+    text = read_arrays(path, _FILE, ("config",))["config"].tobytes()
     with parsing(path, _CONFIG):
-        description = dict(json.loads(arrays.pop("config").tobytes()))
-    if description.get("schema_version") != SCHEMA_VERSION:
+        facts = dict(json.loads(text))
+    if facts.get("schema_version") != SCHEMA_VERSION:
         raise FileError(
-            f"{path}: policy schema {description.get('schema_version')} is not the schema "
+            f"{path}: policy schema {facts.get('schema_version')} is not the schema "
             f"{SCHEMA_VERSION} of this version; train it again with `minirobots train`"
         )
-    digest, episodes = description.pop("scenario_digest", None), description.pop("episodes", 0)
+    digest = facts.pop("scenario_digest", None)
     with parsing(path, _CONFIG):
-        config = msgspec.convert(description, PolicyConfig)
-        trained = msgspec.convert(episodes, int)
+        episodes = msgspec.convert(facts.pop("episodes", 0), int)
+        if "objective" in facts:  # of files without a method and a kind
+            learnt = "moves" if facts.get("moves") else "paper"
+            facts["method"] = facts.pop("objective") or learnt
+            of_pair = facts["method"] == "fastest" and len(facts["scenario"]["targets"]) > 1
+            others = "group" if facts["method"] == "planned" else "table"
+            facts["kind"] = "pair" if of_pair else others
+        kind = _KINDS[facts.pop("kind")]
+        config = msgspec.convert(facts, PolicyConfig)
+    arrays = read_arrays(path, _FILE, kind.array_names())
+    with parsing(path, _CONFIG):
+        make: Any = kind
+        policy = make(config, **arrays, episodes=episodes)
+        fits = policy.fits()
     if digest != config.scenario.digest():
         raise FileError(f"{path}: scenario and configuration do not fit; train it again")
-    return config, trained, arrays
+    if not fits:
+        raise FileError(f"{path}: arrays and configuration do not fit; train it again")
+    if scenario is not None:
+        policy.require_scenario(scenario, f"{path}: the policy")
+    return policy

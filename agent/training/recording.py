@@ -45,9 +45,6 @@ def write_training(
         policy: trained policy with its tables and visit counts.
         log: learning curves and maps.
         facts: what identifies the run, for the recording's properties.
-
-    Raises:
-        UserError: the file cannot be written.
     """
     robots = policy.config.scenario.robots
     identity = f"training-{facts.get('scenario')}-{policy.digest()}"
@@ -76,9 +73,6 @@ def write_runs(path: Path, logs: Sequence[TrainingLog], facts: dict[str, Any]) -
         path: of the recording.
         logs: learning curves of runs of one configuration.
         facts: what identifies them, for the recording's properties.
-
-    Raises:
-        UserError: the file cannot be written.
     """
     identity = f"trainings-{facts.get('scenario')}-{digest_of(*(log.returns for log in logs))}"
     with Recording(path, identity, training_blueprint(0)) as file:
@@ -92,11 +86,7 @@ def write_runs(path: Path, logs: Sequence[TrainingLog], facts: dict[str, Any]) -
 
 
 def require_tensorboard() -> None:
-    """Refuse to write event files that no package can write.
-
-    Raises:
-        UserError: tensorboardX is not installed.
-    """
+    """Refuse to write event files that no package can write."""
     if importlib.util.find_spec("tensorboardX") is None:
         raise UserError(f"event files need tensorboardX; install it with `{installing('log')}`")
 

@@ -1,18 +1,18 @@
-"""Policies found again: train or compute once per configuration, keep policy and learning curves.
+"""Policies found again: made once per configuration, kept with their learning curves.
 
-Only the cache; one run is `agent.training.loop`, many runs are `agent.training.runs`.
+Only the cache; learning is `agent.training.loop`, many runs are `agent.training.runs`.
 """
 
 import logging
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 from agent.mdp.greedy import GreedyPolicy
-from agent.training.group_policy import GroupPolicy
-from agent.training.loop import ProgressCallback, TrainingLog, run_training, training_log
-from agent.training.pair_policy import PairPolicy
-from agent.training.policy import Policy, PolicyConfig
+from agent.training.loop import TrainingLog, learn
+from agent.training.methods import find_method
+from agent.training.policy import Policy, PolicyConfig, load_policy
 from cosim.base.errors import FileError
+from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, load_or_create, require_no_folder
 
@@ -27,20 +27,10 @@ def policy_folder(config: PolicyConfig) -> Path:
     return cache_dir("policies") / f"{config.scenario.name}-{digest_of(config)}"
 
 
-def train_policy(
-    config: PolicyConfig, *, progress: ProgressCallback | None = None
-) -> tuple[Policy, TrainingLog]:
-    """Train from nothing, without looking at or writing any file."""
-    state = run_training(config, progress=progress)
-    log = training_log(config.learning, state, config.scenario.cell_m)
-    return Policy.of_training(config, state), log
-
-
-def save_run(folder: Path, policy: GreedyPolicy, log: TrainingLog) -> Path:
+def save_run(folder: Path, policy: GreedyPolicy, log: TrainingLog) -> None:
     """Write learning curves and policy; the policy comes last, so that it marks a whole run."""
     log.save(folder / LOG_FILE)
     policy.save(folder / POLICY_FILE)
-    return folder / POLICY_FILE
 
 
 def load_run(folder: Path, config: PolicyConfig) -> tuple[Policy, TrainingLog] | None:
@@ -49,70 +39,38 @@ def load_run(folder: Path, config: PolicyConfig) -> tuple[Policy, TrainingLog] |
     if not path.exists():
         return None
     try:
-        policy = Policy.load(path)
-        log = TrainingLog.load(folder / LOG_FILE)
+        policy, log = load_policy(path), TrainingLog.load(folder / LOG_FILE)
     except FileError as error:
         _LOGGER.warning("%s: it is rebuilt", error)
         return None
-    return (policy, log) if policy.config == config else None
+    return (policy, log) if isinstance(policy, Policy) and policy.config == config else None
 
 
-def find_or_train(
-    config: PolicyConfig, *, again: bool = False, progress: ProgressCallback | None = None
-) -> tuple[Policy, TrainingLog, Path]:
-    """The policy of a configuration: found in the cache, or trained and kept there.
+def find_or_make(
+    config: PolicyConfig, *, again: bool = False, progress: Progress = silent
+) -> tuple[Any, Any, Path]:
+    """The policy of a configuration: found in the cache, or learnt or computed and kept there.
 
     Args:
         config: everything that decides the policy's bits.
-        again: train even if the policy is there.
-        progress: called after every chunk of training; not at all if the policy is found.
+        again: make it even if the policy is there.
+        progress: receives the episodes trained; nothing if the policy is found.
 
     Returns:
-        The policy, its learning curves and the path of its file.
-
-    Raises:
-        UserError: the scenario cannot be used with these readings.
-        FileError: a folder is where a file of the cache goes.
-        OSError: the cache cannot be written.
+        The policy, its `TrainingLog` (None if it was computed) and the path of its file.
     """
     folder = policy_folder(config)
+    path, compute = folder / POLICY_FILE, find_method(config.method).compute
+    if compute is not None:
+        make = lambda: compute(config)  # noqa: E731
+        return cached(path, load_policy, make, GreedyPolicy.save, again=again), None, path
     for name in (POLICY_FILE, LOG_FILE):
         require_no_folder(folder / name)  # before training, not after
 
     def train() -> tuple[Policy, TrainingLog]:
-        trained = train_policy(config, progress=progress)
+        trained = learn(config, progress)
         save_run(folder, *trained)
         return trained
 
     found = load_or_create(folder, lambda: None if again else load_run(folder, config), train)
-    return *found, folder / POLICY_FILE
-
-
-def find_or_compute(
-    config: PolicyConfig, *, again: bool = False
-) -> tuple[Policy | PairPolicy | GroupPolicy, Path]:
-    """The policy of a configuration with an objective: found in the cache, or computed and kept.
-
-    Args:
-        config: everything that decides the policy's bits.
-        again: compute even if the policy is there.
-
-    Returns:
-        The policy and the path of its file.
-
-    Raises:
-        UserError: the scenario is too large to compute optimal paths.
-        FileError: a folder is where a file of the cache goes.
-        OSError: the cache cannot be written.
-    """
-    path = policy_folder(config) / POLICY_FILE
-    kind = policy_kind(config.objective, config.scenario.robots)
-    made = cached(path, kind.load, partial(kind.computed, config), GreedyPolicy.save, again=again)
-    return made, path
-
-
-def policy_kind(objective: str | None, robots: int) -> type[Policy | PairPolicy | GroupPolicy]:
-    """Return the class of the policies with an objective, or trained ones, of some robots."""
-    if objective == "planned":
-        return GroupPolicy
-    return PairPolicy if objective == "fastest" and robots > 1 else Policy
+    return *found, path

@@ -55,6 +55,9 @@ NewFolder = Annotated[
         "time.",
     ),
 ]
+MethodName = Annotated[
+    str, tyro.conf.arg(metavar="{paper,moves,shortest,fastest,planned,MODULE:NAME}")
+]
 ScenarioName = Annotated[
     str,
     tyro.conf.arg(

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from agent.training.settings import COMPUTED, Method
 from cosim.base import command as opt
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import in_shell
@@ -43,7 +42,7 @@ class Run(Command):
     out: opt.NewFolder = None
     episodes: opt.Count = 1
     """Episodes to co-simulate, each from start cells drawn with the seed."""
-    method: Method | None = None
+    method: opt.MethodName | None = None
     """How agents learn: on the grid as in Section V (paper, the default for one robot or two on up
     to 1000 cells), or on moves observed in co-simulation (moves, the default with obstacles, for
     larger boards and for swarms). Or they are computed without learning: of one or two robots the
@@ -159,28 +158,28 @@ class Run(Command):
     def _policy(
         self, scenario: "Scenario", progress: Progress
     ) -> "tuple[GreedyPolicy, TrainingLog | None]":
-        from agent.method import best_method, method_policy
-        from agent.policies import load_policy
+        from agent.training.methods import best_method, find_method, method_config
+        from agent.training.policy import load_policy
+        from agent.training.store import find_or_make
 
         if self.policy is not None:
             return load_policy(self.policy, scenario), None
-        method = self.method or best_method(scenario)
-        if method in COMPUTED and (self.train_episodes or self.train_seed is not None):
+        method = find_method(self.method or best_method(scenario))
+        if method.compute and (self.train_episodes or self.train_seed is not None):
             raise ConfigError(
-                f"--train-episodes, --train-seed: method {method} is computed, not trained; leave "
-                "them out, or choose a method that learns, such as moves"
+                f"--train-episodes, --train-seed: method {method.name} is computed, not trained; "
+                "leave them out, or choose a method that learns, such as moves"
             )
-        policy, log, _ = method_policy(
+        config = method_config(
             method,
             scenario,
             self.train_seed or 0,
             episodes=self.train_episodes,
             motor_fmu=self.physics.motor_fmu,
             motor_parameters=self.physics.motor_parameters,
-            again=self.again,
             progress=progress,
         )
-        return policy, log
+        return find_or_make(config, again=self.again, progress=progress)[:2]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,6 @@
 """Commands that make policies, and say what they achieve."""
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import partial
@@ -12,7 +13,7 @@ from agent.experiments.variants import Name
 from agent.mdp.config import ProcessConfig
 from agent.moves.worlds import RANGES, WorldRange
 from agent.study.axes import AXES, Axis
-from agent.training.settings import COMPARED, FACTS, LearningConfig, Method, read_settings
+from agent.training.settings import COMPARED, LearningConfig, MethodName, read_settings
 from cosim.base import command as opt
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.errors import UserError, in_shell
@@ -34,9 +35,10 @@ class Methods(Command):
     """
 
     def run(self, progress: Progress) -> Output:
+        from agent.training.methods import METHODS
         from cosim.base.table import show_texts
 
-        rows = [{"method": method, **facts._asdict()} for method, facts in FACTS.items()]
+        rows = [{"method": name, **method.facts} for name, method in METHODS.items()]
         cells = [tuple(row.values()) for row in rows]
         return Output({"methods": rows}, lambda: show_texts(tuple(rows[0]), cells))
 
@@ -53,12 +55,16 @@ class Train(Command):
     kept = RESUMES
 
     scenario: opt.ScenarioName = "4"
+    method: opt.MethodName | None = None
+    """How agents learn: a method that learns, or one of yours (CONTRIBUTING.md); by default as in
+    Section V (paper), on moves if there is a file of them."""
     out: opt.NewFolder = None
     runs: opt.Count = 1
     """Independent runs (the paper: 20)."""
     seed: opt.Seed = 0
     config: opt.File | None = None
-    """Settings file with tables [process] and [learning]; options given here override it."""
+    """Settings file with tables [process] and [learning] in place of those of the method; options
+    given here override it."""
     moves: opt.File | None = None
     """Moves observed by `minirobots moves`: train on them instead of the grid."""
     where: Where = PROCESSES
@@ -71,11 +77,17 @@ class Train(Command):
     @classmethod
     def defaults(cls, arguments: list[str]) -> Self | None:
         words = [word for argument in arguments for word in argument.split("=", 1)]
-        if "--config" not in words[:-1]:
-            return None
-        path = Path(words[words.index("--config") + 1])
-        process, learning = read_settings(path)
-        return cls(config=path, process=process, learning=learning)
+        given = dict(itertools.pairwise(words))
+        if config := given.get("--config"):
+            process, learning = read_settings(Path(config))
+            return cls(config=Path(config), process=process, learning=learning)
+        if method := given.get("--method"):
+            from agent.training.methods import find_method
+
+            scenario = find_scenario(given.get("--scenario", cls.scenario))
+            process, learning = find_method(method).settings(scenario)
+            return cls(process=process, learning=learning)
+        return None
 
     def subject(self) -> str:
         return f"train-{find_scenario(self.scenario).name}"
@@ -84,11 +96,21 @@ class Train(Command):
         from agent.evaluation.grid import show
         from agent.experiments.run import train_and_evaluate
         from agent.moves.model import ObservedMoves
+        from agent.training.methods import find_method, method_config
         from agent.training.runs import Experiment
 
         assert self.out is not None
         board, moves = find_scenario(self.scenario), self.moves and ObservedMoves.load(self.moves)
-        experiment = Experiment(board, self.process, self.learning, self.seed, self.runs, moves)
+        method = find_method(self.method or ("moves" if moves else "paper"))
+        if method.compute is not None:
+            raise ConfigError(
+                f"--method {method.name}: it is computed, not trained; name a method that learns"
+            )
+        if method.through and moves is None:
+            moves = method_config(method, board, progress=progress).moves
+        experiment = Experiment(
+            board, self.process, self.learning, self.seed, self.runs, moves, method.name
+        )
         how = {"where": self.where, "log": self.log, "progress": progress}
         summary = train_and_evaluate(experiment, self.out, **how)
         more = ", and training.rrd of all runs" if self.runs > 1 else ""
@@ -159,7 +181,7 @@ class Evaluate(Command):
         policies = (*self.policies, *self.policy)
         if self.grid:
             from agent.evaluation import grid
-            from agent.policies import load_policy
+            from agent.training.policy import load_policy
 
             paths = grid.policy_files(tuple(map(Path, policies)))
             exact = grid.report_of((str(path), load_policy(path)) for path in paths)
@@ -250,7 +272,7 @@ class Comparison(Command):
     quick: bool = False
     """Short trial: two episodes in every row, instead of 50, 200 or all starts."""
     budget_minutes: opt.BudgetMinutes = None
-    methods: tuple[Method, ...] = COMPARED
+    methods: tuple[MethodName, ...] = COMPARED
     """Methods to measure; see `minirobots run --help`."""
     seed: opt.Seed = 0
     where: Where = THREADS

@@ -3,9 +3,9 @@ from pathlib import Path
 import pytest
 
 from agent.mdp.config import ProcessConfig
+from agent.training.loop import learn
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import train_policy
 from cosim.model.scenario import Scenario
 
 # Targets one cell away, straight ahead: an episode takes some simulated seconds.
@@ -30,7 +30,7 @@ def fresh_cache(tmp_path, monkeypatch):
 def near_policy() -> Policy:
     """A policy of two robots with four starts, none of which fails."""
     config = PolicyConfig(NEAR, ProcessConfig(), LearningConfig(episodes=5000), Seed(0))
-    return train_policy(config)[0]
+    return learn(config)[0]
 
 
 @pytest.fixture(scope="module")

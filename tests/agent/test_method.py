@@ -1,66 +1,114 @@
-"""The named methods: what each learns on, and training on a file of moves."""
+"""Methods: the records of those built in, and a user's own, trained and compared."""
 
 from dataclasses import replace
 
-import msgspec
+import numpy as np
 import pytest
 
 import agent
-from agent import method as methods
-from agent.method import method_config, method_of
-from agent.moves.model import Move, ObservedMoves
+import minirobots as mr
+from agent.mdp.config import ProcessConfig
+from agent.mdp.joint import BLOCKED, cells_after
 from agent.moves.worlds import WorldRange
-from agent.training.policy import Policy
+from agent.training import methods
+from agent.training.methods import METHODS, best_method, computed, learner, method_config
 from agent.training.runs import policy_paths
-from agent.training.settings import COMPUTED, METHODS
+from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
+from cosim.model.outcome import Outcome
 from cosim.model.scenario_file import find_scenario
-from cosim.onboard.features import DIRECTIONS
 from minirobots.runner import execute
 
 
-@pytest.fixture
-def moves():
-    kinds = [(direction, heading) for direction in (0, 1) for heading in range(4)]
-    return ObservedMoves(
-        "made by hand",
-        0,
-        tuple(
-            Move(d, h, -1, 1, int(DIRECTIONS[d, 1]), 0.5, 3.5, 0.0, 0.0, 0.0, 0.0) for d, h in kinds
-        ),
+def briefly(algorithm):
+    return lambda _: (ProcessConfig(), LearningConfig(episodes=30_000, algorithm=algorithm))
+
+
+@learner(settings=briefly("q"))
+def sarsa(q, s, a, reward, discount, s_next, a_next, eta, coin):
+    """SARSA: learns the values of what it does, exploration included."""
+    q[0, s, a] += eta * (reward + discount * q[0, s_next, a_next] - q[0, s, a])
+
+
+@learner(settings=briefly("double_q"))
+def double_q(q, s, a, reward, discount, s_next, a_next, eta, coin):
+    """Double Q-learning (van Hasselt 2010)."""
+    k = np.int64(coin & np.uint64(1))
+    best = q[k, s_next].argmax()
+    q[k, s, a] += eta * (reward + discount * q[1 - k, s_next, best] - q[k, s, a])
+
+
+@computed(settings=lambda _: (ProcessConfig(features=("x", "y")), LearningConfig()), most_robots=1)
+def straight(process):
+    """Straight on: minus the distance from the target after a move."""
+    after, rows = cells_after(process, 0), process.terrain.shape[2] - 2
+    target = np.flatnonzero(after[:, 0] == np.arange(len(after)))[0]
+    x, y = np.divmod(after, rows)
+    away = np.hypot(x - target // rows, y - target % rows)
+    return np.where(after == BLOCKED, -1e6, -away)[None]
+
+
+@pytest.mark.long
+def test_a_users_methods_are_trained_and_compared_in_a_study(tmp_path):
+    table = mr.study([sarsa, double_q, straight], "1a", episodes=2, out=tmp_path, progress=None)
+    assert [(row.policy, row.success) for row in table.rows] == [
+        (method.name, 1.0) for method in (sarsa, double_q, straight)
+    ]
+
+
+def test_a_users_methods_learn_what_their_rules_say(fresh_cache):
+    found = {}
+    for rule in (sarsa, double_q):
+        policy = agent.train("1a", method=rule, progress=None)
+        assert policy.evaluate().rate(Outcome.SUCCESS) == 1.0
+        assert (policy.config.method, policy.kind) == (rule.name, "table")
+        found[rule.name] = policy
+    assert [len(policy.q) for policy in found.values()] == [1, 2]
+    again = agent.train("1a", method=double_q.name, progress=None)
+    assert again.digest() == found[double_q.name].digest()  # found by its name, too
+    assert repr(agent.train("1a", method=straight)).endswith(":straight on the grid)")
+
+
+def test_a_method_of_a_module_is_trained_by_the_command(tmp_path, monkeypatch, command):
+    (tmp_path / "my_rules.py").write_text(
+        "from agent.training.methods import learner\n"
+        "@learner()\n"
+        "def rule(q, s, a, reward, discount, s_next, a_next, eta, coin):\n"
+        "    q[0, s, a] += eta * (reward + discount * q[0, s_next].max() - q[0, s, a])\n"
     )
+    monkeypatch.chdir(tmp_path)
+    short = ("--scenario", "1a", "--jobs", 1, "--out", "runs", "--learning.episodes", 2000)
+    assert command("train", "--method", "my_rules:rule", *short).returncode == 0
+    (path,) = policy_paths(tmp_path / "runs")
+    assert mr.load(path).config.method == "my_rules:rule"
+    for name, message in (("my_rules:none", "cannot be imported"), ("none", "choose one of paper")):
+        ended = command("train", "--method", name)
+        assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
+        assert message in ended.stderr
 
 
-@pytest.mark.parametrize("method", [m for m in METHODS if m not in COMPUTED])
 @pytest.mark.parametrize("name", ["1b", "4"])
-def test_each_method_learns_on_its_own_process(method, name, moves, monkeypatch):
-    monkeypatch.setattr(methods, "_observed_moves", lambda *_: moves)
-    config = method_config(method, find_scenario(name), seed=3, episodes=1000)
-    assert config.learning.episodes == 1000
-    assert config.seed.entropy == 3
-    assert (config.moves is not None) == (method in methods.ON_MOVES)
-    expected = {"1b": {"h"}, "4": {"b"}}[name] if method == "moves" else set()
-    assert set(config.process.features) & {"b", "h"} == expected
-    assert method_of(config) == method
-    longer = msgspec.structs.replace(config, learning=replace(config.learning, greedy_points=3))
-    assert method_of(longer) == method
-    other = msgspec.structs.replace(config, learning=replace(config.learning, eta=0.123))
-    assert method_of(other) is None
+def test_each_method_learns_on_its_own_process(name):
+    for method in ("paper", "moves"):
+        config = method_config(method, find_scenario(name), seed=3, episodes=1000)
+        assert (config.learning.episodes, config.seed.entropy) == (1000, 3)
+        assert (config.method, config.moves is not None) == (method, method == "moves")
+        expected = {"1b": {"h"}, "4": {"b"}}[name] if method == "moves" else set()
+        assert set(config.process.features) & {"b", "h"} == expected
 
 
 def test_the_default_method_can_learn_every_board():
     wide = replace(find_scenario("4"), columns=40)
     boards = [wide, *map(find_scenario, ("4", "1b", "4-zone", "5-corridor", "6-swap", "swarm-16"))]
-    best = [methods.best_method(board) for board in boards]
+    best = [best_method(board) for board in boards]
     assert best == ["moves", "paper", "paper", "moves", "moves", "planned", "moves"]
+    assert set(best) <= set(METHODS)
     assert method_config("paper", wide).process  # the board itself is fine
 
 
-@pytest.mark.parametrize("name", ["1b", "4"])
-def test_on_moves_a_collision_costs_more_than_any_detour(name, moves, monkeypatch):
+def test_on_moves_a_collision_costs_more_than_any_detour():
     """The dearest detour never ends and closes in on a robot that it almost touches."""
-    monkeypatch.setattr(methods, "_observed_moves", lambda *_: moves)
-    config = method_config("moves", find_scenario(name))
+    config = method_config("moves", find_scenario("4"))
     process, contact_m = config.process, config.scenario.diameter_m
     nearness = process.approach_coefficient * (1.0 - contact_m / process.distance_limit_m)
     dearest = (process.step_cost + nearness) / (1.0 - config.learning.gamma)
@@ -68,22 +116,15 @@ def test_on_moves_a_collision_costs_more_than_any_detour(name, moves, monkeypatc
     assert process.goal_reward > dearest
 
 
-def test_moves_are_observed_with_the_motor_parameters_that_are_given(moves, monkeypatch):
-    seen = []
+def test_moves_are_observed_with_the_motors_and_in_the_worlds_that_are_given(monkeypatch):
+    moves, seen = method_config("moves", find_scenario("4")).moves, []
     monkeypatch.setattr(methods, "calibrated_slower", lambda config, *_: config)
-    monkeypatch.setattr(methods, "cached_moves", lambda config, *_: seen.append(config) or moves)
+    monkeypatch.setattr(methods, "cached_moves", lambda *given: seen.append(given) or moves)
     given = (("J", 5e-9),)
     assert method_config("moves", find_scenario("1b"), motor_parameters=given).moves == moves
-    assert (seen[0].motor.J, seen[0].motor_parameters) == (5e-9, given)
-
-
-def test_moves_are_observed_in_the_worlds_that_are_given(moves, monkeypatch):
-    seen = []
-    monkeypatch.setattr(methods, "calibrated_slower", lambda config, *_: config)
-    monkeypatch.setattr(methods, "cached_moves", lambda *given: seen.append(given[3:]) or moves)
-    config = method_config("moves", find_scenario("4"), worlds=WorldRange(restitution=(0.1, 0.2)))
-    assert seen == [(WorldRange(mu=(0.15, 0.15), restitution=(0.1, 0.2)), 0.01)]
-    assert method_of(config) == "moves"
+    assert (seen[0][0].motor.J, seen[0][0].motor_parameters) == (5e-9, given)
+    method_config("moves", find_scenario("4"), worlds=WorldRange(restitution=(0.1, 0.2)))
+    assert seen[1][3:] == (WorldRange(mu=(0.15, 0.15), restitution=(0.1, 0.2)), 0.01)
     with pytest.raises(UserError, match="worlds has no effect on method paper"):
         agent.train("1a", method="paper", worlds=WorldRange())
     with pytest.raises(UserError, match="must be ascending"):
@@ -96,12 +137,15 @@ def test_ranges_without_drawn_worlds_are_refused(monkeypatch):
         execute("moves")
 
 
-def test_train_takes_a_file_of_moves(moves, monkeypatch, tmp_path, capsys):
+@pytest.mark.parametrize("options", [(), ("--method", "moves")])
+def test_train_takes_a_file_of_moves(options, command, tmp_path):
+    moves = method_config("moves", find_scenario("1a")).moves
+    assert moves is not None
     moves.save(tmp_path / "moves.json")
-    out = tmp_path / "runs"
-    arguments = ["--scenario", "1a", "--moves", str(tmp_path / "moves.json"), "--out"]
-    short = ["--learning.episodes", "2000", "--learning.epsilon-episodes", "10", "--jobs", "1"]
-    monkeypatch.setattr("sys.argv", ["train", *arguments, str(out), *short])
-    execute("train")
-    (path,) = policy_paths(out)
-    assert Policy.load(path).config.moves == moves
+    given = ("--scenario", "1a", "--moves", tmp_path / "moves.json", *options)
+    short = ("--learning.episodes", 2000, "--learning.epsilon-episodes", 10, "--jobs", 1)
+    assert command("train", *given, "--out", tmp_path / "runs", *short).returncode == 0
+    (path,) = policy_paths(tmp_path / "runs")
+    config = mr.load(path).config
+    assert (config.moves, config.method) == (moves, "moves")
+    assert config.process.features == (("x", "y", "h") if options else ("x", "y", "d", "g"))

@@ -22,7 +22,7 @@ from agent.study.store import Header, ResultFile
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig, read_settings
-from agent.training.store import LOG_FILE, find_or_train
+from agent.training.store import LOG_FILE, find_or_make
 from analysis.figures.style import Caption, read_caption, write_caption
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
@@ -50,7 +50,7 @@ def seeds(tmp_path_factory):
     folder = tmp_path_factory.mktemp("seeds")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MINIROBOTS_CACHE", str(folder / "cache"))
-        _, _, path = find_or_train(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)))
+        _, _, path = find_or_make(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)))
     moves = [
         {"direction": d, "heading": h, "previous": -1, "columns": 1, "rows": d, "turn_s": 0.5}
         | {"duration_s": 3.5, "drift_x": 0.0, "drift_y": 0.0, "stop_x": 0.0, "stop_y": 0.0}
@@ -250,10 +250,13 @@ def test_a_folder_in_the_cache_is_told_before_anything_is_computed(tmp_path):
     path.mkdir()
     with pytest.raises(UserError, match="a folder is where this file goes"):
         optimum(process)
-    *_, policy = find_or_train(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)))
+    *_, policy = find_or_make(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)))
     policy.unlink()
     policy.mkdir()
     seen = []
     with pytest.raises(UserError, match="a folder is where this file goes"):
-        find_or_train(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)), progress=seen.append)
+        find_or_make(
+            PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)),
+            progress=lambda *now, **_: seen.append(now),
+        )
     assert not seen

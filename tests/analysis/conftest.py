@@ -37,7 +37,7 @@ def evaluate_seldom(patch):
     """Few evaluations on the way, of groups from few starts: policies so raw circle to the end."""
     patch.setattr("agent.moves.observe.MOVES_PER_KIND", 1)
     patch.setattr("agent.mdp.exact.MAX_STARTS", 1000)  # as many as pairs have, and more
-    for module in ("agent.method", "agent.experiments.run"):
+    for module in ("agent.training.methods", "agent.experiments.run"):
         patch.setattr(import_module(module), "replace", partial(replace, greedy_points=6))
 
 

@@ -16,7 +16,7 @@ from agent.mdp.readings import build_process
 from agent.mdp.rng import seeded_state
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import find_or_train
+from agent.training.store import find_or_make
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from cosim.model.outcome import BY_RANK, COLLISION, OUT_OF_BOARD, RUNNING, TIMEOUT
@@ -107,7 +107,7 @@ def test_pettingzoo_steps_the_kernels_process(slip):
 
 def test_a_trained_policy_reaches_the_targets_in_the_environment():
     learning = LearningConfig(episodes=200_000, greedy_points=0)
-    policy, _, _ = find_or_train(
+    policy, _, _ = find_or_make(
         PolicyConfig(find_scenario("2"), ProcessConfig(), learning, Seed(0))
     )
     env = envs.parallel_env("2")

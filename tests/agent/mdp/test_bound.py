@@ -16,7 +16,7 @@ from agent.mdp.optimum import optimum, ratios
 from agent.mdp.readings import build_process
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import find_or_train
+from agent.training.store import find_or_make
 from cosim.model.outcome import RUNNING, SUCCESS, Outcome
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
@@ -110,7 +110,7 @@ def test_optimum_is_cached_whatever_does_not_matter_to_it(monkeypatch):
 
 def test_no_policy_beats_the_optimum():
     learning = LearningConfig(episodes=30_000, epsilon_episodes=10, greedy_points=0)
-    policy, _, _ = find_or_train(PolicyConfig(crossing(), ProcessConfig(), learning, Seed(0)))
+    policy, _, _ = find_or_make(PolicyConfig(crossing(), ProcessConfig(), learning, Seed(0)))
     result = evaluate(policy.process, policy.values)
     assert result.rate(Outcome.SUCCESS) > 0.0
     path_ratio, steps_ratio = ratios(policy.process, result)

@@ -43,8 +43,8 @@ def test_many_starts_are_drawn_always_the_same():
 def test_drawn_starts_have_an_interval_and_all_starts_have_none():
     def untrained(name):
         config = PolicyConfig(find_scenario(name), ProcessConfig(), LearningConfig(), Seed(0))
-        process = build_process(config.scenario, config.process)
-        return Policy.of_training(config, initial_state(process, config.learning, 0))
+        state = initial_state(build_process(config.scenario, config.process), config.learning, 0)
+        return Policy(config, state.q, state.visits, state.random)
 
     drawn, exact = measure("drawn", untrained("4-cross")), measure("all", untrained("1b"))
     assert (drawn.starts, drawn.success, drawn.success_low) == (10_000, 0.0, 0.0)

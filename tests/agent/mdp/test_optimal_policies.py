@@ -10,10 +10,10 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import evaluate, joint_starts
 from agent.mdp.optimum import optimum
 from agent.mdp.readings import build_process
-from agent.method import method_config, method_of, method_policy
+from agent.training.methods import method_config
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import find_or_compute
+from agent.training.store import find_or_make
 from cosim.base.errors import UserError
 from cosim.model.outcome import SUCCESS
 from cosim.model.scenario import Scenario
@@ -28,6 +28,10 @@ PAIR = ("x", "y", "p")
 SHORTEST = "shortest"
 
 
+def made(method, scenario):
+    return find_or_make(method_config(method, scenario))
+
+
 def require_bound(policy):
     result = evaluate(policy.process, policy.values)
     assert (result.outcome == SUCCESS).all()
@@ -39,18 +43,18 @@ def require_bound(policy):
     "name", ["1b", *(pytest.param(n, marks=pytest.mark.slow) for n in ("2", "3", "4", "5-doorway"))]
 )
 def test_computed_policies_reach_the_bound_from_every_start(name):
-    policy, log, path = method_policy(SHORTEST, find_scenario(name))
+    policy, log, path = made(SHORTEST, find_scenario(name))
     require_bound(policy)
     assert log is None
-    assert method_of(Policy.load(path).config) == SHORTEST
+    assert Policy.load(path).config.method == SHORTEST
     assert path.stat().st_size < 6_000_000  # the tables of a pair take 52 MB
 
 
 @pytest.mark.parametrize("collision", ["cells", "swept"])
 def test_pairs_keep_to_one_of_several_optimal_joint_moves(collision):
     process = ProcessConfig(features=PAIR, collision=collision)
-    config = PolicyConfig(CROSSING, process, LearningConfig(), Seed(0), objective=SHORTEST)
-    policy, _ = find_or_compute(config)
+    config = PolicyConfig(CROSSING, process, LearningConfig(), Seed(0), method=SHORTEST)
+    policy, *_ = find_or_make(config)
     assert isinstance(policy, Policy)
     require_bound(policy)
     # in every joint state one move of each robot is better than its others, by a grain at least
@@ -80,7 +84,7 @@ def test_three_robots_are_bounded_one_by_one_on_the_smallest_board():
     assert bound.relaxed
     assert bound.of_starts(joint_starts(process), 12)[1].tolist() == [4.0]
     with pytest.raises(UserError, match="3 robots on 144 cells"):
-        method_policy("shortest", three)
+        made("shortest", three)
 
 
 def test_a_board_without_a_path_is_refused(command, tmp_path):
@@ -91,7 +95,7 @@ def test_a_board_without_a_path_is_refused(command, tmp_path):
     )
     message = r"from start cells \[\[5, 7\]\] there is no path to the targets, and from 1 other"
     with pytest.raises(UserError, match=message):
-        method_policy(SHORTEST, find_scenario(str(path)))
+        made(SHORTEST, find_scenario(str(path)))
     ended = command("bound", "--scenario", path)
     assert ended.returncode == 2
     assert re.search(message, ended.stderr)
@@ -99,15 +103,11 @@ def test_a_board_without_a_path_is_refused(command, tmp_path):
 
 def test_what_cannot_be_computed_is_refused(command, monkeypatch, tmp_path):
     with pytest.raises(UserError, match="4 robots on 900 cells"):
-        method_policy(SHORTEST, find_scenario("4-cross"))
-    with pytest.raises(UserError, match=r"one robot or two.* 4-cross has 4"):
-        method_policy("fastest", find_scenario("4-cross"))
+        made(SHORTEST, find_scenario("4-cross"))
+    with pytest.raises(UserError, match=r"at most 2 robots.* 4-cross has 4"):
+        made("fastest", find_scenario("4-cross"))
     with pytest.raises(UserError, match="shortest is computed, not trained"):
         method_config("shortest", CROSSING, episodes=5)
-    with pytest.raises(UserError, match="learning has no effect on shortest"):
-        PolicyConfig(
-            CROSSING, ProcessConfig(), LearningConfig(eta=0.5), Seed(0), objective="shortest"
-        )
     with pytest.raises(UserError, match="feature p makes a robot's table"):
         large = Scenario("l", "", ((9, 9), (40, 40)), (((0, 0),), ((59, 59),)), 60, 60)
         build_process(large, ProcessConfig(features=PAIR))

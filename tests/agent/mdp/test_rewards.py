@@ -1,6 +1,7 @@
 """Rewards of co-simulated steps: for every step, for the time, or for the path."""
 
-from typing import NamedTuple
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +14,6 @@ from cosim.model.scenario_file import find_scenario
 from cosim.onboard.features import Observation
 
 
-class Driven(NamedTuple):
-    action: np.ndarray
-    events: np.ndarray
-    after: Observation
-    duration_s: float
-    moved_m: np.ndarray
-
-
 @pytest.mark.parametrize(
     ("per", "expected"), [("step", [-1.0, -1.0]), ("time", [-0.05] * 2), ("distance", [-0.3, 0.0])]
 )
@@ -28,7 +21,7 @@ def test_what_a_step_costs(per, expected):
     """Far from each other robots pay the cost of a step only."""
     process = build_process(find_scenario("2"), ProcessConfig(reward_per=per))
     cells = np.array([(2, 25), (25, 2)])
-    step = Driven(
+    step: Any = SimpleNamespace(
         action=np.array([0, 4]),
         events=np.full(2, RUNNING),
         after=Observation(cells, *np.zeros((3, 2), dtype=int)),

@@ -16,10 +16,10 @@ from agent.moves import kernels
 from agent.moves import observe as observe_module
 from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, build_model, move_kind
 from agent.moves.observe import KINDS, observe_moves
+from agent.training.loop import learn
 from agent.training.moves_qlearning import _discounts
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import train_policy
 from cosim.base.errors import UserError
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
@@ -281,9 +281,9 @@ def test_training_on_moves_reaches_the_targets():
         Seed(0),
         ideal_moves(duration_s=3.5, turn_s=0.5),
     )
-    policy, log = train_policy(config)
+    policy, log = learn(config)
     assert log.success[-1] > 0.97
-    again, _ = train_policy(config)
+    again, _ = learn(config)
     assert np.array_equal(policy.q, again.q)
 
 
@@ -298,7 +298,7 @@ def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
     )
     moves = ideal_moves(duration_s=2.5 * RL_STEP_S)
     config = PolicyConfig(alone, ProcessConfig(features=("x", "y")), learning, Seed(1), moves)
-    policy, _ = train_policy(config)
+    policy, _ = learn(config)
 
     process, model = build_process(alone, config.process), build_model(moves, 5.0)
     world = np.zeros((1, grid.COLUMN_COUNT), dtype=np.int64)
@@ -362,7 +362,7 @@ def test_readings_without_effect_are_refused_by_name(process, on_moves, message,
 def test_a_policy_keeps_its_moves(tmp_path):
     learning = LearningConfig(episodes=10, greedy_points=0)
     config = PolicyConfig(SMALL, ProcessConfig(), learning, Seed(0), ideal_moves())
-    policy, _ = train_policy(config)
+    policy, _ = learn(config)
     policy.save(tmp_path / "policy.npz")
     assert Policy.load(tmp_path / "policy.npz").config == config
 

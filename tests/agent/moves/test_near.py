@@ -9,13 +9,11 @@ import pytest
 
 from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
-from agent.moves.group import group_of
-from agent.training.group_policy import GroupPolicy
-from agent.training.loop import move_model
-from agent.training.pair_policy import PairPolicy
-from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.moves.times import board_of
+from agent.training.loop import learn, move_model
+from agent.training.methods import METHODS
+from agent.training.policy import GroupPolicy, PairPolicy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import train_policy
 from cosim.base.errors import UserError
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
@@ -23,14 +21,20 @@ from cosim.onboard.features import DIRECTIONS, Observation
 from tests.agent.moves.test_pair import BOARD, MOVES
 
 FEATURES = {1: ("x", "y", "h"), 2: ("x", "y", "h", "p")}
-KINDS = {"fastest": PairPolicy, "planned": GroupPolicy}
+KINDS = "fastest", "planned"
 
 
 def config(scenario, objective):
     features = ("x", "y", "h") if objective == "planned" else FEATURES[scenario.robots]
     process = ProcessConfig(features=features)
     moves = msgspec.structs.replace(MOVES, cell_m=scenario.cell_m)
-    return PolicyConfig(scenario, process, LearningConfig(), Seed(0), moves, objective=objective)
+    return PolicyConfig(scenario, process, LearningConfig(), Seed(0), moves, method=objective)
+
+
+def made(given):
+    compute = METHODS[given.method].compute
+    assert compute is not None
+    return compute(given)
 
 
 def near(gap):
@@ -41,7 +45,7 @@ def near(gap):
 @pytest.mark.parametrize("objective", KINDS)
 @pytest.mark.parametrize("gap", [(5, 1), (5, 2), (5, 3), (4, 4)])
 def test_robots_park_at_targets_that_are_near(gap, objective):
-    policy = KINDS[objective].computed(config(near(gap), objective))
+    policy = made(config(near(gap), objective))
     assert policy.evaluate().rate(Outcome.SUCCESS) == 1.0
 
 
@@ -64,9 +68,9 @@ def test_clearances_follow_diameter_and_cells(diameter_m, cell_m):
         zone=(0, 0, 0, 0), robot_diameter_m=diameter_m, cell_m=cell_m,
     )  # fmt: skip
     process = build_process(scenario, ProcessConfig(features=FEATURES[2]))
-    kept_m = PairPolicy.computed(config(scenario, "fastest")).times.kept ** 0.5 * cell_m
+    kept_m = PairPolicy.computed(config(scenario, "fastest")).times.board.kept ** 0.5 * cell_m
     assert kept_m == pytest.approx(diameter_m + 0.0083)
-    assert group_of(process, MOVES).kept ** 0.5 * cell_m == pytest.approx(kept_m)
+    assert board_of(process, MOVES).kept ** 0.5 * cell_m == pytest.approx(kept_m)
 
 
 @pytest.mark.parametrize("objective", ["fastest", "planned", None])
@@ -78,11 +82,9 @@ def test_targets_that_cannot_be_reached_are_refused(robots, objective):
     )  # fmt: skip
     with pytest.raises(UserError, match="there is no path to"):
         if objective is None:
-            train_policy(PolicyConfig(board, ProcessConfig(), LearningConfig(episodes=1), Seed(0)))
-        elif objective == "fastest" and robots == 1:
-            Policy.computed(config(board, objective))
+            learn(PolicyConfig(board, ProcessConfig(), LearningConfig(episodes=1), Seed(0)))
         else:
-            KINDS[objective].computed(config(board, objective))
+            made(config(board, objective))
 
 
 def test_first_moves_of_plans_keep_the_gap():

@@ -12,7 +12,7 @@ from agent.mdp.config import ProcessConfig
 from agent.study.evaluate import evaluate
 from agent.study.transfer import robustness, transfer
 from agent.study.user import study
-from agent.training.runs import Experiment, train_runs
+from agent.training.runs import Experiment, make_runs
 from agent.training.settings import LearningConfig
 from cosim.base.jobs import Workers
 from cosim.machine.validation import validate as measurement
@@ -61,10 +61,10 @@ def of_study(place: Place, _: pytest.MonkeyPatch) -> Any:
 
 def of_training(place: Place, _: pytest.MonkeyPatch) -> Any:
     few = LearningConfig(episodes=2000, greedy_points=1)
-    runs = train_runs(
+    runs = make_runs(
         Experiment(find_scenario("2"), ProcessConfig(), few, 3, 2), place.out, where=place.where
     )
-    return [(run.run, run.policy.digest()) for run in runs]
+    return [policy.digest() for policy, _ in runs]
 
 
 def of_transfer(place: Place, _: pytest.MonkeyPatch) -> Any:

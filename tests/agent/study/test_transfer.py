@@ -9,9 +9,9 @@ from agent.evaluation.cases import Case
 from agent.mdp.config import ProcessConfig
 from agent.study.store import ResultFile
 from agent.study.transfer import TransferReport, goals, markdown, transfer
+from agent.training.loop import learn
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import train_policy
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from cosim.model.config import CoSimConfig
@@ -91,7 +91,7 @@ def test_a_row_counts_the_beginning_of_its_sample(tmp_path, motor_fmu):
     starts = tuple((x, y) for x in (0, 5, 9) for y in (8, 12))
     scenario = Scenario("six", "", ((4, 4),), (starts,), columns=14, rows=14, zone=(0, 0, 0, 0))
     config = PolicyConfig(scenario, ProcessConfig(), LearningConfig(episodes=1), Seed(0))
-    case = Case(train_policy(config)[0], CoSimConfig(), motor_fmu, 0)
+    case = Case(learn(config)[0], CoSimConfig(), motor_fmu, 0)
     file, indices = ResultFile.of_case(tmp_path, case), case.sample(6)
     for place in (0, 1, 3, 5):
         file.add(indices[place], PLAIN)

@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.training.runs import Experiment, RunTask, train_run
+from agent.training.loop import learn
+from agent.training.policy import PolicyConfig
+from agent.training.runs import Experiment
 from agent.training.settings import LearningConfig
 from cosim.base import backends
 from cosim.base.backends import sweep
@@ -30,28 +32,25 @@ EXPERIMENT = Experiment(
 class Fragile(NamedTuple):
     """A run whose worker is killed the first time it gets there."""
 
-    task: RunTask
+    run: int
+    config: PolicyConfig
     marker: Path
 
 
 def die_once_and_train(fragile):
-    if fragile.task.run == 1 and not fragile.marker.exists():
+    if fragile.run == 1 and not fragile.marker.exists():
         fragile.marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return train_run(fragile.task)
+    return learn(fragile.config)
 
 
 def fragile_tasks(folder):
-    return [
-        Fragile(RunTask(config, k), folder / "marker")
-        for k, config in enumerate(EXPERIMENT.configs())
-    ]
+    return [Fragile(k, config, folder / "marker") for k, config in enumerate(EXPERIMENT.configs())]
 
 
 @pytest.fixture(scope="module")
-def expected(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("expected")
-    return [train_run(f.task).policy.q for f in fragile_tasks(folder)]
+def expected():
+    return [learn(config)[0].q for config in EXPERIMENT.configs()]
 
 
 @pytest.fixture
@@ -78,10 +77,9 @@ def patient_ray(monkeypatch):
 
 
 @pytest.mark.cluster
-def test_ray_gives_the_same_bits(patient_ray, expected, tmp_path):
-    tasks = [f.task for f in fragile_tasks(tmp_path)]
-    results = dict(sweep(train_run, tasks, Workers(jobs=2, backend="ray")))
-    assert all(np.array_equal(results[k].policy.q, q) for k, q in enumerate(expected))
+def test_ray_gives_the_same_bits(patient_ray, expected):
+    results = dict(sweep(learn, EXPERIMENT.configs(), Workers(jobs=2, backend="ray")))
+    assert all(np.array_equal(results[k][0].q, q) for k, q in enumerate(expected))
 
 
 @pytest.fixture(
@@ -105,14 +103,13 @@ def test_killed_worker_is_replaced_and_no_bit_changes(backend, expected, tmp_pat
     assert (tmp_path / "marker").exists()
     assert sorted(results) == [0, 1, 2, 3]
     for k, q in enumerate(expected):
-        assert np.array_equal(results[k].policy.q, q)
+        assert np.array_equal(results[k][0].q, q)
 
 
-def test_threads_and_one_job_give_the_same_bits(expected, tmp_path):
-    tasks = [f.task for f in fragile_tasks(tmp_path)]
+def test_threads_and_one_job_give_the_same_bits(expected):
     for jobs in (1, 2):
-        results = dict(sweep(train_run, tasks, Workers(jobs=jobs)))
-        assert all(np.array_equal(results[k].policy.q, q) for k, q in enumerate(expected))
+        results = dict(sweep(learn, EXPERIMENT.configs(), Workers(jobs=jobs)))
+        assert all(np.array_equal(results[k][0].q, q) for k, q in enumerate(expected))
 
 
 def test_a_task_that_always_kills_its_worker_ends_the_sweep(monkeypatch):

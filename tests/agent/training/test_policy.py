@@ -9,10 +9,9 @@ import pytest
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import evaluate
-from agent.policies import load_policy
-from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.policy import Policy, PolicyConfig, Seed, load_policy
 from agent.training.settings import LearningConfig
-from agent.training.store import find_or_train
+from agent.training.store import find_or_make
 from cosim.base.errors import UserError
 from cosim.model.outcome import RUNNING, TIMEOUT, Outcome
 from cosim.model.scenario import Scenario
@@ -38,7 +37,7 @@ def policy(request):
         episodes=20_000, epsilon_episodes=20, greedy_points=2, algorithm=request.param
     )
     readings = ProcessConfig(features=("x", "y", "d", "g", "b"))
-    return find_or_train(PolicyConfig(small_scenario(), readings, learning, Seed(5)))[0]
+    return find_or_make(PolicyConfig(small_scenario(), readings, learning, Seed(5)))[0]
 
 
 def observation_of(world, facing):
@@ -89,7 +88,7 @@ def test_save_and_load_keep_every_bit(policy, tmp_path):
 
 @pytest.fixture
 def saved(tmp_path):
-    _, _, path = find_or_train(PolicyConfig(small_scenario(), ProcessConfig(), LEARNING, Seed(0)))
+    _, _, path = find_or_make(PolicyConfig(small_scenario(), ProcessConfig(), LEARNING, Seed(0)))
     return path
 
 

@@ -22,9 +22,9 @@ def test_given_fields_override_defaults(tmp_path):
     [
         ("[proces]\n", "unknown table 'proces'"),
         ("[process]\nslip = 1\n", "unknown field process.slip"),
-        ('[learning]\neta = "big"\n', "learning.eta: Expected float, got str"),
-        ("[learning]\neta = 2.0\n", "eta = 2.0 is not allowed"),
-        ('[process]\nfeatures = ["q"]\n', r"process.features\[0\]"),
+        ('[learning]\neta = "big"\n', "learning: eta = .*xpected float, got str"),
+        ("[learning]\neta = 2.0\n", "eta = 2.0 is invalid: expected float <= 1.0"),
+        ('[process]\nfeatures = ["q"]\n', "process: features = "),
         ("[process\n", "not a TOML file"),
     ],
 )

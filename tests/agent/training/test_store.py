@@ -8,7 +8,7 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import evaluate
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import LOG_FILE, find_or_train
+from agent.training.store import LOG_FILE, find_or_make
 from cosim.model.outcome import Outcome
 from cosim.model.scenario_file import find_scenario
 
@@ -20,10 +20,10 @@ CONFIG = PolicyConfig(find_scenario("2"), ProcessConfig(), SHORT, Seed(0))
 
 def test_a_second_call_finds_the_policy_and_its_curves():
     seen = []
-    policy, log, path = find_or_train(CONFIG, progress=seen.append)
-    assert [p.episode for p in seen] == [1000, 2000, 3000, 4000, 5000]
+    policy, log, path = find_or_make(CONFIG, progress=lambda *now, **_: seen.append(now))
+    assert [now[1] for now in seen] == [1000, 2000, 3000, 4000, 5000]
     seen.clear()
-    again, log_again, path_again = find_or_train(CONFIG, progress=seen.append)
+    again, log_again, path_again = find_or_make(CONFIG, progress=lambda *now, **_: seen.append(now))
     assert not seen
     assert path == path_again
     assert np.array_equal(policy.q, again.q)
@@ -43,22 +43,26 @@ def test_a_second_call_finds_the_policy_and_its_curves():
     ],
 )
 def test_any_difference_trains_again(other):
-    find_or_train(CONFIG)
+    find_or_make(CONFIG)
     seen = []
-    find_or_train(msgspec.structs.replace(CONFIG, **other), again=not other, progress=seen.append)
+    find_or_make(
+        msgspec.structs.replace(CONFIG, **other),
+        again=not other,
+        progress=lambda *now, **_: seen.append(now),
+    )
     assert seen
 
 
 @pytest.mark.parametrize("broken", ["policy.npz", LOG_FILE])
 def test_a_damaged_cache_is_trained_again(broken):
-    policy, _, path = find_or_train(CONFIG)
+    policy, _, path = find_or_make(CONFIG)
     path.with_name(broken).write_bytes(b"broken")
-    assert np.array_equal(find_or_train(CONFIG)[0].q, policy.q)
+    assert np.array_equal(find_or_make(CONFIG)[0].q, policy.q)
     assert path.with_name(broken).stat().st_size > 1000
 
 
 def test_learning_curves_have_the_shapes_and_values_documented():
-    policy, log, _ = find_or_train(CONFIG)
+    policy, log, _ = find_or_make(CONFIG)
     assert log.episode.tolist() == [1000, 2000, 3000, 4000, 5000]
     assert log.returns.shape == (5, 2)
     assert log.epsilon[-1] == 0.0
@@ -69,7 +73,7 @@ def test_learning_curves_have_the_shapes_and_values_documented():
 
 @pytest.mark.long
 def test_scenario_2_reaches_100_percent_of_all_900_starts():
-    policy, log, _ = find_or_train(
+    policy, log, _ = find_or_make(
         PolicyConfig(find_scenario("2"), ProcessConfig(), LearningConfig(), Seed(0))
     )
     result = evaluate(policy.process, policy.values)

@@ -7,11 +7,10 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from agent.mdp.config import ProcessConfig
 from agent.training.learning import map_points
-from agent.training.loop import TrainingLog
+from agent.training.loop import TrainingLog, learn
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.recording import joined, write_events, write_runs, write_training
 from agent.training.settings import LearningConfig
-from agent.training.store import train_policy
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.blueprint import training_blueprint
 
@@ -36,7 +35,7 @@ def trained():
         PolicyConfig(find_scenario("2"), ProcessConfig(), LEARNING, Seed.of(seed))
         for seed in range(3)
     ]
-    return [train_policy(config) for config in configs]
+    return [learn(config) for config in configs]
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ import sys
 from agent.mdp.config import ProcessConfig
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from agent.training.store import find_or_train
+from agent.training.store import find_or_make
 from cosim.base.jit import kernel
 from cosim.model.scenario_file import find_scenario
 from fmus import build
@@ -41,7 +41,7 @@ def built():
 def trained():
     seen, learning = [], LearningConfig(episodes=100_000)
     config = PolicyConfig(find_scenario("1a"), ProcessConfig(), learning, Seed(0))
-    find_or_train(config, progress=seen.append)
+    find_or_make(config, progress=lambda *now, **_: seen.append(now))
     return int(bool(seen))
 
 for make in (compiled, built, trained):

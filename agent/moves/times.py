@@ -1,0 +1,137 @@
+"""Times of robots on observed moves: the least of each alone, exact, and what several plan by.
+
+A robot alone ends every move in the cell that it was sent to, asked again at the next RL step, and
+what a move takes depends on its kind only. So where it is and which axis it faces are all there is
+to know: value iteration over both, with mean times of moves, is the optimum of every policy. Others
+can only delay it: the slowest robot's time bounds that of an episode of several from below. Next to
+obstacles it is a bound too: diagonal moves that would graze a corner are counted as possible.
+"""
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.mdp.grid import STARTING_AXIS
+from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, iterate_alone
+from agent.mdp.optimum import require_paths
+from agent.mdp.readings import Process
+from agent.moves.model import KINDS, ObservedMoves, move_kind
+from cosim.base.errors import UserError
+from cosim.base.jit import inlined
+from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
+
+GAP_M = 0.0083  # assumed: between robots, as moves overlap in time
+_ROUNDING = 1e-9  # of times, in RL steps
+_MOST_OFF = 0.5  # cells; a robot that stops further off the centre is in another cell
+
+
+def mean_seconds(moves: ObservedMoves) -> np.ndarray:
+    """(8, AXIS_COUNT) float64, mean time in s from a move to the next decision.
+
+    By its direction and the axis that the robot faced before.
+
+    Raises:
+        UserError: a kind of move was never observed, or a robot stopped in another cell than the
+            one it was sent to.
+    """
+    steps: list[list[int]] = [[] for _ in range(KINDS)]
+    for move in moves.moves:
+        if max(abs(move.stop_x), abs(move.stop_y)) >= _MOST_OFF:
+            raise UserError("moves end in other cells than commanded; check the parameters")
+        lasted = math.ceil(move.duration_s / moves.rl_step_s - _ROUNDING)
+        steps[move_kind(move.direction, move.heading)].append(lasted)
+    if not all(steps):
+        raise UserError("not every kind of move was observed; observe more moves")
+    of_kind = np.array([moves.rl_step_s * np.mean(of_kind) for of_kind in steps])
+    kinds = [[move_kind(a, axis) for axis in range(AXIS_COUNT)] for a in range(DIRECTION_COUNT)]
+    return of_kind[np.array(kinds)]
+
+
+def least_times(process: Process, moves: ObservedMoves) -> np.ndarray:
+    """(N, cells, AXIS_COUNT) float64, least mean time in s of each robot as if it were alone.
+
+    By cell x·rows + y and the axis that it faces; inf where no path leads to the target. The moves
+    are of one world.
+    """
+    seconds = mean_seconds(moves)
+    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
+    robots, cells = after.shape[:2]
+    parked = after[:, :, 0] == np.arange(cells)
+    value = np.repeat(np.where(parked, 0.0, np.inf)[..., None], AXIS_COUNT, axis=2)
+    for i in range(robots):
+        iterate_alone(after[i], seconds, value[i])
+    return value
+
+
+def fastest_tables(process: Process, moves: ObservedMoves) -> tuple[np.ndarray, np.ndarray]:
+    """Tables by which a robot alone takes the least mean time.
+
+    Args:
+        process: of one robot with features x, y and h.
+        moves: of one world.
+
+    Returns:
+        Action values (1, states, 8) float32, minus the time in s that a move leads to, and (1,
+        states) bool, whether there is anything to decide and a path to the target.
+    """
+    value, after = least_times(process, moves)[0], cells_after(process, 0)
+    require_paths(process, value[:, STARTING_AXIS])
+    axes = np.arange(DIRECTION_COUNT) % AXIS_COUNT
+    rest = np.where(after == BLOCKED, np.inf, value[after, axes])
+    time_s = mean_seconds(moves).T + rest[:, None]
+    decided = (value > 0.0) & (value < np.inf)
+    table = np.where(decided[..., None] & (time_s < np.inf), -time_s, IMPOSSIBLE)
+    return table.reshape(1, -1, DIRECTION_COUNT).astype(np.float32), decided.reshape(1, -1)
+
+
+class Board(NamedTuple):
+    """Moves, times and distances that robots plan by.
+
+    Attributes:
+        after: (N, cells, 8) int64, see `agent.mdp.joint.cells_after`. No move leads next to another
+            robot's target cell, because robots would drift into it.
+        seconds: (8, AXIS_COUNT) float64, see `mean_seconds`.
+        targets: (N,) int64, target cell of each robot.
+        kept: squared distance in cells² that robots keep.
+        parked: (N, N) float64, the same where one of them is parked and the other one parks: as
+            near as their targets.
+        at: (cells, 2) int64, column and row of each cell.
+    """
+
+    after: np.ndarray
+    seconds: np.ndarray
+    targets: np.ndarray
+    kept: float
+    parked: np.ndarray
+    at: np.ndarray
+
+
+def board_of(process: Process, moves: ObservedMoves) -> Board:
+    """Return what robots plan by, on moves of one world."""
+    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
+    cells, rows = after.shape[1], process.terrain.shape[2] - 2
+    at = np.stack(np.divmod(np.arange(cells), rows), axis=1)
+    targets = (after[:, :, 0] == np.arange(cells)).argmax(axis=1)
+    for own, other in itertools.permutations(range(len(after)), 2):
+        away = abs(at - at[targets[other]]).max(axis=1)
+        enters = (away[after[own]] <= 1) & (away[after[own]] <= away[:, None])
+        after[own] = np.where(enters, BLOCKED, after[own])
+    kept = (2.0 * math.sqrt(process.squared_radius) + GAP_M / process.cell_m) ** 2
+    between = ((at[targets][:, None] - at[targets]) ** 2).sum(axis=2)
+    return Board(after, mean_seconds(moves), targets, kept, np.minimum(kept, between), at)
+
+
+@inlined
+def squared_distance(p: int, q: int, at: np.ndarray) -> int:
+    """Squared distance of two cells."""
+    x, y = at[p, 0] - at[q, 0], at[p, 1] - at[q, 1]
+    return x * x + y * y
+
+
+@inlined
+def axis_towards(cell: int, goal: int, at: np.ndarray) -> int:
+    """Axis of the move that leads from a cell to another one."""
+    x, y = at[goal, 0] - at[cell, 0], at[goal, 1] - at[cell, 1]
+    return 0 if y == 0 else 2 if x == 0 else 1 if x * y > 0 else 3

@@ -1,0 +1,316 @@
+"""The methods that make policies: a record of each, by name, and how a user adds one.
+
+"paper" learns on the deterministic grid (Section V), "moves" on moves observed in co-simulation,
+with the bearing of the other robot; each walk of these may have a world of its own
+(`agent.moves.worlds`). "shortest" learns nothing: the joint paths on the grid that are optimal by
+the length of all robots' paths together, which are computed. So is "fastest", the least time on
+observed moves, which tells turns from straight lines, of one robot or of two together (two on
+moves through cells). "planned" is for groups: robots plan in space and time on mean times of
+moves, again at every decision (`agent.moves.group`).
+
+`learner` and `computed` register further methods, see CONTRIBUTING.md.
+"""
+
+import importlib
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agent.mdp import optimum
+from agent.mdp.config import ProcessConfig
+from agent.mdp.greedy import GreedyPolicy
+from agent.mdp.readings import Process, build_process
+from agent.moves import group, pair
+from agent.moves.observe import cached_moves
+from agent.moves.times import fastest_tables
+from agent.moves.worlds import WorldRange, checked_ranges
+from agent.training.policy import (
+    GroupPolicy,
+    PairPolicy,
+    PolicyConfig,
+    Seed,
+    can_plan,
+    table_policy,
+)
+from agent.training.settings import LearningConfig
+from cosim.base.arguments import ConfigError, unknown
+from cosim.base.command import MotorParameters
+from cosim.base.errors import UserError
+from cosim.base.progress import Progress, silent
+from cosim.calibration.cache import calibrated_slower
+from cosim.model.scenario import Scenario
+from cosim.simulation.options import DecisionOptions, Physics
+
+_LARGE_CELLS = 1000  # assumed: of a board on which one robot or two learn on moves by default
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to make policies.
+
+    Attributes:
+        name: of the method; of a user's one "module:function".
+        how: it makes a policy, for people.
+        robots: number of robots that it can drive, for people.
+        needs: options of the co-simulation that it is made for, for people.
+        use: when to choose it, for people.
+        settings: of the decision process and of learning, for a scenario.
+        through: whether robots drive through cells in a scenario, on the observed moves that the
+            method uses; None if it uses none.
+        most_robots: that it can drive.
+        update: rule of learning, see `learner`; None for Q-learning (`agent.training.qlearning`).
+        compute: makes the policy without learning; None if it is learnt.
+        version: of what computes it.
+    """
+
+    name: str
+    how: str
+    robots: str = "any"
+    needs: str = ""
+    use: str = ""
+    settings: Callable[[Scenario], tuple[ProcessConfig, LearningConfig]] = lambda _: (
+        ProcessConfig(),
+        LearningConfig(),
+    )
+    through: Callable[[Scenario], bool] | None = None
+    most_robots: int = 10**6
+    update: Callable[..., None] | None = None
+    compute: Callable[[PolicyConfig], GreedyPolicy] | None = None
+    version: int = 0
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Return the facts by which a user chooses a method."""
+        return {name: getattr(self, name) for name in ("robots", "how", "needs", "use")}
+
+
+def _on_moves(scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
+    # Chosen on the observed moves: a learning rate three times the paper's, and a collision
+    # that costs more than any detour.
+    features = ("x", "y", "h") if scenario.robots == 1 else ("x", "y", "d", "g", "b")
+    process = ProcessConfig(goal_reward=300.0, features=features)
+    return process, LearningConfig(episodes=1_500_000, eta=0.03)
+
+
+def _features(*first: Any, partner: bool) -> Callable[[Scenario], Any]:
+    """Return the settings of computed policies with these features."""
+
+    def settings(scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
+        last = ("p",) if partner and scenario.robots > 1 else ()
+        return ProcessConfig(features=("x", "y", *first, *last)), LearningConfig()
+
+    return settings
+
+
+def _shortest(config: PolicyConfig) -> GreedyPolicy:
+    process = build_process(config.scenario, config.process)
+    return table_policy(config, *optimum.computed_tables(process))
+
+
+def _fastest(config: PolicyConfig) -> GreedyPolicy:
+    assert config.moves is not None
+    if config.scenario.robots > 1:
+        return PairPolicy.computed(config)
+    process = build_process(config.scenario, config.process)
+    return table_policy(config, *fastest_tables(process, config.moves))
+
+
+METHODS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        Method(
+            "paper",
+            "Q-learning on the grid (Section V of the paper)",
+            use="default for one robot and for two",
+        ),
+        Method(
+            "moves",
+            "Q-learning on moves observed in the co-simulation",
+            use="default with obstacles, on large boards and for swarms",
+            settings=_on_moves,
+            through=lambda _: False,
+        ),
+        Method(
+            "shortest",
+            "computed: Dijkstra's algorithm over the joint grid, by path",
+            "1, 2",
+            use="bound of the path",
+            settings=_features(partner=True),
+            compute=_shortest,
+            version=optimum.VERSION,
+        ),
+        Method(
+            "fastest",
+            "computed: value iteration on observed moves",
+            "1, 2",
+            "--through (2 robots)",
+            "least time",
+            _features("h", partner=True),
+            through=lambda scenario: scenario.robots > 1,
+            most_robots=2,
+            compute=_fastest,
+            version=pair.VERSION,
+        ),
+        Method(
+            "planned",
+            "computed while driving: paths in space and time",
+            "1 to 8",
+            use="default for 3 to 8 robots",
+            settings=_features("h", partner=False),
+            through=lambda _: True,
+            compute=GroupPolicy.computed,
+            version=group.VERSION,
+        ),
+    )
+}
+
+
+def learner(*, tables: int = 1, **facts: Any) -> Callable[[Callable[..., None]], Method]:
+    """Register a rule of tabular learning on the grid as a method: a decorator.
+
+    The rule `(q, s, a, reward, discount, s_next, a_next, eta, coin)` updates the tables `q`
+    (tables, states, 8) of one robot after a move, in code that numba compiles. `discount` is γ, and
+    0 at the end of an episode; `a_next` is the action that the robot will take in `s_next`, greedy
+    or random; `coin` is a random uint64. Robots act by the sum of the tables.
+
+    Args:
+        tables: one or two.
+        facts: further fields of `Method`, such as `settings`.
+
+    Returns:
+        A decorator that returns the method, which `train` and `study` take.
+    """
+    algorithm = "double_q" if tables == 2 else "q"
+    facts.setdefault("settings", lambda _: (ProcessConfig(), LearningConfig(algorithm=algorithm)))
+    return lambda update: _registered(update, update=update, **facts)
+
+
+def computed(**facts: Any) -> Callable[[Callable[[Process], np.ndarray]], Method]:
+    """Register a function from the decision process to (N, states, 8) action values: a decorator.
+
+    Args:
+        facts: further fields of `Method`, such as `settings` with features or `most_robots`.
+    """
+
+    def register(function: Callable[[Process], np.ndarray]) -> Method:
+        def compute(config: PolicyConfig) -> GreedyPolicy:
+            values = function(build_process(config.scenario, config.process))
+            return table_policy(config, values, np.ones(values.shape[:2], dtype=bool))
+
+        return _registered(function, compute=compute, **facts)
+
+    return register
+
+
+def _registered(function: Callable, **fields: Any) -> Method:
+    how = (function.__doc__ or "of a user").strip().partition("\n")[0]
+    name = f"{function.__module__}:{function.__name__}"
+    METHODS[name] = method = Method(name, how, **fields)
+    return method
+
+
+def imported(name: str) -> Any:
+    """Return the object "module:Name", of this folder or an installed module."""
+    module, _, attribute = name.partition(":")
+    if str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
+    return getattr(importlib.import_module(module), attribute)
+
+
+def find_method(name: "str | Method") -> Method:
+    """Return a method by its name, which may be the "module:function" of a user."""
+    if isinstance(name, Method):
+        return name
+    if isinstance(name, str) and name not in METHODS and ":" in name:
+        try:
+            found = imported(name)
+        except (Exception, SystemExit) as error:  # whatever a user's module does
+            raise ConfigError(
+                f"method = {name} cannot be imported ({error!r}); name MODULE:NAME of a method "
+                "that a module of this folder or an installed one registers"
+            ) from error
+        if isinstance(found, Method):
+            return found
+    if not isinstance(name, str) or name not in METHODS:
+        raise ConfigError(unknown("method", name, METHODS))
+    return METHODS[name]
+
+
+def best_method(scenario: Scenario) -> str:
+    """Return the default: "paper" for one robot or two, "planned" for more; else "moves".
+
+    On the grid robots learn paths along obstacles or a forbidden zone that they touch in the
+    dynamics.
+    """
+    if scenario.robots > 2:
+        return "planned" if can_plan(scenario) else "moves"
+    large = scenario.columns * scenario.rows > _LARGE_CELLS
+    blocked = scenario.obstacles or scenario.zone_is_obstacle
+    return "moves" if large or blocked else "paper"
+
+
+def method_config(
+    method: str | Method,
+    scenario: Scenario,
+    seed: int = 0,
+    *,
+    episodes: int | None = None,
+    motor_fmu: Path | None = None,
+    motor_parameters: MotorParameters = (),
+    worlds: WorldRange | None = None,
+    progress: Progress = silent,
+) -> PolicyConfig:
+    """Configuration of a method for a scenario; moves may have to be observed first.
+
+    Args:
+        method: or its name.
+        scenario: board, starts and targets.
+        seed: of training; a computed policy has none.
+        episodes: training episodes, the method's own number by default.
+        motor_fmu: motor FMU of the observed moves, the built-in one by default.
+        motor_parameters: of the motor FMU, set through FMI while moves are observed.
+        worlds: ranges of the worlds that moves are observed in; by default that of the paper.
+        progress: receives what is calibrated and observed.
+    """
+    method = find_method(method)
+    for name, value, used in (
+        ("motor_fmu", motor_fmu, method.through),
+        ("motor_parameters", motor_parameters, method.through),
+        ("worlds", worlds, method.through and not method.compute),
+    ):
+        if value and not used:
+            raise UserError(
+                f"{name} has no effect on method {method.name}; leave it out, or choose a method "
+                "that uses it, such as moves"
+            )
+    if method.compute is not None and episodes is not None:
+        raise UserError(
+            f"method {method.name} is computed, not trained; leave out the number of episodes, or "
+            "choose a method that learns, such as moves"
+        )
+    if scenario.robots > method.most_robots:
+        raise UserError(
+            f"method {method.name} drives at most {method.most_robots} robots, and scenario "
+            f"{scenario.name} has {scenario.robots}; choose a method that learns"
+        )
+    process, learning = method.settings(scenario)
+    moves = None
+    if method.through is not None:
+        motors = Physics(motor_fmu=motor_fmu, motor_parameters=motor_parameters)
+        fmu = motors.fmu(progress)
+        config = calibrated_slower(motors.config().sized(scenario.diameter_m), fmu, progress)
+        config = DecisionOptions(through=method.through(scenario)).deciding(config)
+        worlds = None if worlds is None else checked_ranges(worlds, config)
+        moves = cached_moves(config, fmu, progress, worlds, scenario.cell_m)
+    if method.compute is not None:
+        version = f"{method.name} {method.version}"
+        return PolicyConfig(
+            scenario, process, learning, Seed(0), moves, method.name, kernel_version=version
+        )
+    if episodes is not None:
+        learning = replace(learning, episodes=episodes)
+    return PolicyConfig(scenario, process, learning, Seed.of(seed), moves, method.name)
