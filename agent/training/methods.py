@@ -303,7 +303,7 @@ def method_config(
         motors = Physics(motor_fmu=motor_fmu, motor_parameters=motor_parameters)
         fmu = motors.fmu(progress)
         config = calibrated_slower(motors.config().sized(scenario.diameter_m), fmu, progress)
-        config = DecisionOptions(through=method.through(scenario)).deciding(config)
+        config = config.merged(DecisionOptions(through=method.through(scenario)).tree())
         worlds = None if worlds is None else checked_ranges(worlds, config)
         moves = cached_moves(config, fmu, progress, worlds, scenario.cell_m)
     if method.compute is not None:
