@@ -27,7 +27,7 @@ from agent.training.store import find_or_compute, find_or_train
 from cosim.base.command import MotorParameters
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
-from cosim.calibration.cache import calibrated_slower
+from cosim.calibration.measuring import calibrated_slower
 from cosim.model.scenario import Scenario
 from cosim.simulation.options import DecisionOptions, Physics
 

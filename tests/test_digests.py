@@ -30,7 +30,7 @@ from agent.moves.observe import observe_moves
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import policy_kind, train_policy
-from cosim.calibration.cache import find_calibration
+from cosim.calibration.measuring import find_calibration
 from cosim.calibration.shielding import with_stopping_distance
 from cosim.coupling.rl_step import Step, SupportsAct
 from cosim.model.config import CoSimConfig

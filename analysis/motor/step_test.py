@@ -16,7 +16,7 @@ from analysis.motor.instance import require_parameters, running
 from analysis.motor.loop_options import StepTest
 from analysis.reading.motor_test import LOOPS, SIGNALS, MotorTestError, Response
 from cosim.base.arguments import named_once
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.params import MotorParams
 from cosim.recording.blueprint import plain_blueprint
 from cosim.recording.file import Recording, scalars, simulated

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cosim.base.plotting import BLUE, GREEN, PURPLE, VERMILION, styled
-from cosim.calibration.cache import digest
+from cosim.calibration.measuring import digest
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING

@@ -1,6 +1,6 @@
 """The map between motor speeds and the robot's motion: trials, curves, inverse, refusal.
 
-A record that can be kept in a file and asked; `cosim.calibration.cache` makes it.
+A record that can be kept in a file and asked; `cosim.calibration.measuring` makes it.
 """
 
 from dataclasses import asdict, dataclass, fields

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from cosim.base.arguments import taken, taken_seed
-from cosim.coupling.parameters import with_motor
 from cosim.coupling.rl_step import Step, SupportsAct, decide
+from cosim.fmi.motor import with_motor
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Cell, Scenario

@@ -35,9 +35,9 @@ def run(options: Calibrate, progress: Progress) -> Iterator[Any]:
     from cosim.base.command import workers
     from cosim.base.storage import replacing, write_json
     from cosim.base.table import show_texts
-    from cosim.calibration.cache import find_calibration
+    from cosim.calibration.measuring import find_calibration
     from cosim.calibration.report import draw, manoeuvre_rows, report_of
-    from cosim.coupling.parameters import with_motor
+    from cosim.fmi.motor import with_motor
 
     config, out = options.physics.config(), options.out
     out.mkdir(parents=True, exist_ok=True)

@@ -43,7 +43,7 @@ def run(options: MotorLoop, progress: Progress) -> Iterator[Any]:
     from analysis.motor import speed_loop as theory
     from analysis.motor.instance import GivenMotor
     from analysis.motor.steps import compare_gains, draw
-    from cosim.coupling.fmu import MotorFmu
+    from cosim.fmi.motor import MotorFmu
     from cosim.model.params import motor_time_constant
     from fmus.build import cached_fmu
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.world import draw_world
 from cosim.onboard.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.coupling.assembly import Motors, SpeedNoise
-from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.signals import MOTORS
+from cosim.fmi.motor import MotorFmu
 from cosim.machine.identification.motion import Machine, tracks
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II, MotorParams, RobotParams

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.calibration.cache import calibrated, calibrated_slower, digest, find_calibration
+from cosim.calibration.measuring import calibrated, calibrated_slower, digest, find_calibration
 from cosim.calibration.speed_map import MANOEUVRES, Calibration, CalibrationError, load_calibration
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.model.world import World

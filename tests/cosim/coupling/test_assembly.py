@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.coupling.assembly import Motors, SpeedNoise
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II
 from cosim.model.scenario import Scenario

@@ -13,7 +13,8 @@ from fmpy.fmi3 import FMU3Slave
 from cosim.calibration.trial import Trial
 from cosim.coupling import assembly
 from cosim.coupling.assembly import Motors, check_motors
-from cosim.coupling.fmu import FmuError, MotorFmu
+from cosim.fmi.fmu import FmuError
+from cosim.fmi.motor import Motor, MotorFmu
 from cosim.model.config import ConfigError, CoSimConfig
 from cosim.model.params import TABLE_II, TIMING
 from cosim.model.scenario_file import find_scenario
@@ -42,12 +43,12 @@ def set_unit(element, unit: str | None) -> None:
 
 
 def test_instance_runs_from_its_defaults(motor_fmu):
-    motor = MotorFmu(motor_fmu).instantiate("m")
-    motor.set_inputs(np.array([700.0, 0.0, 0.0]), 0, 1e-5)
+    motor = Motor(MotorFmu(motor_fmu), "m")
+    motor.set(motor.fmu.inputs, np.array([700.0, 0.0, 0.0]))
     for tick in range(3):
-        motor.step(tick, 1, 1e-5)
-    theta, omega, omega_dot = motor.outputs(3, 1e-5)
-    voltage, current, command, integral = motor.electrical(3, 1e-5)
+        motor.step(tick * 1e-5, 1e-5)
+    theta, omega, omega_dot = motor.get(motor.fmu.outputs)
+    voltage, current, command, integral = motor.get(motor.fmu.electrical)
     assert integral >= 0.0
     assert voltage == min(command, TABLE_II.V_s_max)
     assert theta > 0.0
@@ -63,7 +64,7 @@ def test_threads_load_fmus_without_moving_the_process(motor_fmu):
 
     def load(number):
         for _ in range(20):
-            fmu.instantiate(f"m{number}").close()
+            Motor(fmu, f"m{number}").close()
 
     with ThreadPoolExecutor(8) as threads:
         list(threads.map(load, range(8)))
@@ -133,9 +134,9 @@ def test_parameter_in_another_unit_is_refused(edited_fmu):
         set_unit(variable(root, "J"), "g.cm2")
 
     fmu = MotorFmu(edited_fmu(edit))
-    fmu.instantiate("m").close()
+    Motor(fmu, "m").close()
     with pytest.raises(FmuError, match=r"'J' in g\.cm2; .*kg\.m2"):
-        fmu.instantiate("m", {"J": TABLE_II.J})
+        Motor(fmu, "m", {"J": TABLE_II.J})
 
 
 @pytest.mark.parametrize(
@@ -180,7 +181,7 @@ def test_more_motors_than_a_process_may_have_are_refused(edited_fmu):
     fmu = MotorFmu(path)
     with pytest.raises(FmuError, match="OnlyOncePerProcess, and 2 motors are needed"):
         Trial(fmu, CoSimConfig(), np.zeros(1), np.random.SeedSequence(0))
-    fmu.instantiate("alone").close()
+    Motor(fmu, "alone").close()
 
 
 @pytest.mark.parametrize(
@@ -226,7 +227,7 @@ def test_binary_that_does_not_load_is_named_and_moves_nothing(motor_fmu, tmp_pat
             binary = name.startswith("binaries/")
             copy.writestr(name, b"no library" if binary else archive.read(name))
     with pytest.raises(FmuError, match=r"foreign\.fmu, instance m, .* cannot be initialised"):
-        MotorFmu(path).instantiate("m")
+        Motor(MotorFmu(path), "m")
     assert Path.cwd() == here
 
 
@@ -250,7 +251,7 @@ def test_foreign_platform_is_refused(motor_fmu, tmp_path):
 
 def test_a_violation_that_changes_no_result_is_a_warning(edited_fmu, caplog):
     path = edited_fmu(lambda root: variable(root, "K_T").attrib.pop("start"))
-    MotorFmu(path).instantiate("m").close()
+    Motor(MotorFmu(path), "m").close()
     (message,) = caplog.messages
     assert re.match(rf"motor FMU {path} violates the standard: .* has no start value", message)
 
@@ -263,12 +264,12 @@ def test_a_violation_that_may_change_a_result_is_refused(edited_fmu):
 
 def test_refused_parameter_names_instance_and_reason(motor_fmu):
     with pytest.raises(FmuError, match=r"instance r1\.D, .*J cannot be -1"):
-        MotorFmu(motor_fmu).instantiate("r1.D", {"J": -1.0})
+        Motor(MotorFmu(motor_fmu), "r1.D", {"J": -1.0})
 
 
 def test_unknown_parameter_is_named(motor_fmu):
     with pytest.raises(FmuError, match="no parameter 'colour'"):
-        MotorFmu(motor_fmu).instantiate("m", {"colour": 1.0})
+        Motor(MotorFmu(motor_fmu), "m", {"colour": 1.0})
 
 
 def without_dimension(root, name):

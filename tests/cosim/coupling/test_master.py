@@ -10,10 +10,11 @@ import pytest
 from fmpy.fmi3 import FMU3Slave
 
 from cosim.coupling.assembly import Motors, robot_properties
-from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.coupling.master import CompiledDriver, FmpyDriver, ReferenceDriver
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
+from cosim.fmi.fmu import FmuError
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.model.params import ESTIMATOR, SHIELD, STEERING, TABLE_I, TABLE_II, TIMING

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cosim.calibration.trial import Trial
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II
 from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E

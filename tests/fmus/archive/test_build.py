@@ -5,7 +5,6 @@ import subprocess
 import sys
 import tomllib
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from cosim.model.params import TABLE_II, TIMING, describe
 from cosim.model.scenario_file import find_scenario
 from cosim.simulation.tasks import Task
 from fmus import build, compiler, models
-from fmus.variables import load_table, render_header
+from fmus.description import render_header
 
 MODEL = "VibrationMotor"
 LICENSE = Path(__file__).parents[3] / "LICENSE"
@@ -97,9 +96,7 @@ def test_cache_builds_once_and_again_when_anything_changes(monkeypatch, tmp_path
     monkeypatch.setattr(build, "FLAGS", (*build.FLAGS, "-DOTHER"))
     second = build.cached_fmu("VibrationMotor")
     assert second != first
-    table = load_table()
-    inputs = (replace(table.variables[0], description="other"), *table.variables[1:])
-    monkeypatch.setattr(build, "load_table", lambda _: replace(table, variables=inputs))
+    monkeypatch.setattr(build, "read_origin", dict)
     assert build.cached_fmu("VibrationMotor") not in {first, second}
 
 
@@ -137,8 +134,8 @@ def test_damaged_fmu_of_the_cache_is_built_again(fmu, monkeypatch, tmp_path, cap
 @pytest.mark.parametrize(
     ("name", "old", "new"),
     [
-        ("vibration_motor/variables.toml", 'description = "', 'description = "Another '),
-        ("vibration_motor/variables.toml", "nominal = ", "nominal = 1"),
+        ("vibration_motor/VibrationMotor.xml", 'description="', 'description="Another '),
+        ("vibration_motor/VibrationMotor.xml", 'nominal="', 'nominal="1'),
         ("vibration_motor/motor.h", "return", "return 2 *"),
         ("fmi/instance.h", "return", "return 2 *"),
         ("fmi/documentation.html", "<p>", "<p>Also "),
@@ -148,21 +145,21 @@ def test_token_is_another_one_when_any_part_of_the_fmu_is(name, old, new, monkey
     sources = shutil.copytree(models.ROOT, tmp_path / "sources")
     for module in (build, models):
         monkeypatch.setattr(module, "ROOT", sources)
-    before = build.instantiation_token(build.load_table())
+    before = build.instantiation_token(MODEL)
     text = (sources / name).read_text("utf-8")
     assert old in text
     (sources / name).write_text(text.replace(old, new, 1), "utf-8")
-    assert build.instantiation_token(build.load_table()) != before
+    assert build.instantiation_token(MODEL) != before
 
 
 @pytest.mark.parametrize(
     ("name", "old", "new", "same"),
     [
         ("vibration_motor/motor.h", "return", "return 2 *", False),
-        ("vibration_motor/variables.toml", "max = ", "max = 1", False),
+        ("vibration_motor/VibrationMotor.xml", 'max="0.01"', 'max="0.02"', False),
         ("vibration_motor/motor.h", "/*", "/* Note: ", True),
         ("vibration_motor/motor.h", "return", "return  ", True),
-        ("vibration_motor/variables.toml", 'description = "', 'description = "Another ', True),
+        ("vibration_motor/VibrationMotor.xml", 'description="', 'description="Another ', True),
         ("build.py", '"""', '"""Note: ', True),
     ],
 )
@@ -218,7 +215,7 @@ def test_system_compiler_stands_in_for_ziglang(monkeypatch, tmp_path):
     result = fmpy.simulate_fmu(str(path), stop_time=0.1, start_values={"omega_des": 700.0})
     assert result["omega"][-1] > 600.0
     with pytest.raises(build.BuildError, match="ziglang"):
-        compiler.compile_library(MODEL, render_header(load_table(), ""), "aarch64-darwin")
+        compiler.compile_library(MODEL, render_header(MODEL, ""), "aarch64-darwin")
 
 
 def test_missing_compiler_is_one_sentence(monkeypatch):
@@ -231,7 +228,7 @@ def test_missing_compiler_is_one_sentence(monkeypatch):
 def test_compiler_errors_are_told(monkeypatch):
     monkeypatch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-fno-such-flag"))
     with pytest.raises(build.BuildError, match="no-such-flag"):
-        compiler.compile_library(MODEL, render_header(load_table(), ""), compiler.host_target())
+        compiler.compile_library(MODEL, render_header(MODEL, ""), compiler.host_target())
 
 
 @pytest.mark.long

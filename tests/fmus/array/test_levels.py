@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from fmus import compiler
-from fmus.variables import load_table, render_header
+from fmus.description import render_header
 
 OK = 0
-TABLE = load_table("VibrationMotors")
 ZIG = [sys.executable, "-m", "ziglang", "cc", "-O2"]  # for this very processor
 COMPILERS = {"zig": ZIG, "gcc": ["gcc", "-O2"], "gcc without optimisation": ["gcc"]}
 
@@ -46,7 +45,7 @@ def test_every_instruction_set_gives_the_same_bits(
 ):
     """A level that this processor lacks is the best one that it has."""
     monkeypatch.setattr(compiler, "FLAGS", (*compiler.FLAGS, f"-DMOST_LEVEL={level}"))
-    header = render_header(TABLE, array_token)
+    header = render_header("VibrationMotors", array_token)
     library = tmp_path / "levels.so"
     library.write_bytes(compiler.compile_library("VibrationMotors", header, compiler.host_target()))
     assert trajectory(array(n, library)) == trajectory(array(n))

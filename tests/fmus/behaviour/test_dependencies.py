@@ -6,14 +6,15 @@ from typing import Any
 import fmpy
 import numpy as np
 
-from fmus.variables import load_table
+from tests.fmus.starts import motor_starts
 
 STATES = ("theta", "omega", "integral")
 INPUTS = ("omega_des", "d", "omega_noise", "V_in")
 CHANGES = {"theta_start": 0.25, "omega_start": 2.0,
            "omega_des": 2.0, "d": 1e-5, "omega_noise": 2.0, "V_in": 0.5}  # fmt: skip
 
-STARTS = {v.name: v.start for v in load_table().variables if v.start is not None}
+STARTS = motor_starts()
+TYPES = {"closed_loop": bool, "solver": int}
 
 Values = dict[str, float]
 
@@ -43,7 +44,7 @@ def simulate(motor, at: Values) -> None:
 
 def initialise(motor, at: Values) -> None:
     """Bring an instance to Initialization Mode with these start values."""
-    assert motor.set(**{name: type(STARTS[name])(value) for name, value in at.items()}) == 0
+    assert motor.set(**{name: TYPES.get(name, float)(value) for name, value in at.items()}) == 0
     assert motor.enter_initialization() == 0
 
 
@@ -92,16 +93,15 @@ def test_dependencies_in_the_simulation(fmus, instance, fmi):
 def test_dependencies_at_the_start(fmus, instance, fmi):
     declared: Any = fmpy.read_model_description(str(fmus[fmi])).initialUnknowns
     unknowns = [unknown.variable.name for unknown in declared]
-    starts = {name: float(start) for name, start in STARTS.items()}
 
     def read(at: Values) -> np.ndarray:
         motor = instance(fmi)
         initialise(motor, at)
         return np.array(motor.get(*unknowns))
 
-    factors: dict[str, list[np.ndarray]] = {name: [] for name in starts}
+    factors: dict[str, list[np.ndarray]] = {name: [] for name in STARTS}
     for point in points():
-        at = starts | {name: point[name] for name in (*INPUTS, "closed_loop")}
+        at = STARTS | {name: point[name] for name in (*INPUTS, "closed_loop")}
         at |= {"theta_start": point["theta"], "omega_start": point["omega"]}
         changes = {name: value + CHANGES.get(name, 0.1 * value) for name, value in at.items()}
         changes |= {"closed_loop": 1.0 - at["closed_loop"], "solver": 3.0 - at["solver"]}
