@@ -12,7 +12,7 @@ from typing import Any
 from cosim.base.command import parse, print_json
 from cosim.base.errors import USER_ERROR_STATUS, run_command
 from cosim.base.progress import progress_bars, under_way
-from cosim.base.table import known, show_texts
+from cosim.base.table import format_value, show_texts
 
 ROOT = Path(__file__).parent
 
@@ -64,7 +64,7 @@ def _text(value: Any) -> str:
         return " ".join(map(_text, value))
     if isinstance(value, dict):
         return ", ".join(f"{name} {_text(part)}" for name, part in value.items())
-    return known(value, "{:,.4g}" if isinstance(value, float) else "{}")
+    return format_value(value, "{:,.4g}" if isinstance(value, float) else "{}")
 
 
 if __name__ == "__main__":

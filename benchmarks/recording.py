@@ -15,8 +15,9 @@ from typing import Any, Literal
 import numpy as np
 from rerun.chunk import RrdReader
 
-from analysis.viewer import ViewerError, screenshot
+from analysis.viewer import screenshot
 from benchmarks.timing import times_s
+from cosim.base.errors import UserError
 from cosim.coupling.rl_step import Decision, Step
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
@@ -119,5 +120,5 @@ def measure(options: Options) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         try:
             return {level: measure_level(level, options, Path(folder)) for level in options.levels}
-        except ViewerError as error:
-            raise ViewerError(f"{error}; or measure without it: --no-viewer") from error
+        except UserError as error:
+            raise UserError(f"{error}; or measure without it: --no-viewer") from error

@@ -24,7 +24,7 @@ from cosim.base.command import Jobs as JobCount
 from cosim.base.command import Json, require_at_least, workers
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
-from cosim.base.storage import alone_in, named, new_folder
+from cosim.base.storage import lock_folder, new_folder, require_suffix
 from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import SimulationOptions
 
@@ -51,7 +51,7 @@ def _positive(name: str, value: float | None) -> None:
 
 def ending(suffix: str) -> Check:
     """Return the check of a file to write: its name ends in a suffix; None passes."""
-    return Check(lambda _, path: path is None or named(path, suffix))
+    return Check(lambda _, path: path is None or require_suffix(path, suffix))
 
 
 Positive = Annotated[float, Check(_positive)]
@@ -199,7 +199,7 @@ class NewFolder(CommandOptions):
         """Keep other runs out of the output folder, and remove a new one that stays empty."""
         new = self.out is None or not self.out.exists()
         try:
-            with alone_in(self.folder):
+            with lock_folder(self.folder):
                 yield
         finally:
             if new:

@@ -208,7 +208,7 @@ def calibrated_slower(
     """Return a configuration as `calibrated` does, at most at the largest speed without hopping.
 
     Raises:
-        CalibrationError: the robots do not move.
+        UserError: the robots do not move.
         FmuError: the FMU cannot be used, or failed.
     """
     config = with_motor(config, motor_fmu)
@@ -225,7 +225,7 @@ def calibrated(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
     """The configuration with the motor speeds that realise its drive speed and turn rate.
 
     Raises:
-        CalibrationError: the drive speed needs hopping.
+        UserError: the drive speed needs hopping.
         FmuError: the FMU cannot be used, or failed.
     """
     config = with_motor(config, motor_fmu)

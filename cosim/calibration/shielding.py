@@ -15,10 +15,10 @@ import msgspec
 import numpy as np
 from scipy.stats import chi2
 
+from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, write_json
-from cosim.calibration.speed_map import CalibrationError
 from cosim.calibration.straying import best_filter
 from cosim.calibration.trial import corners, trial_in_world
 from cosim.fmi.motor import MotorFmu
@@ -140,11 +140,11 @@ def stopping_distance(config: CoSimConfig, fmu: MotorFmu) -> tuple[float, float]
     """Return the bound on the stopping distance in m, and the creep of held robots in m/s.
 
     Raises:
-        CalibrationError: robots do not come to rest.
+        UserError: robots do not come to rest.
     """
     found = [stopping_paths(config, fmu, ROBOTS, seed) for seed in range(TRIALS)]
     if max(stops.rest_s.max() for stops in found) > 0.9 * _slower(config) * REST_S:
-        raise CalibrationError(SLIDES.format("on"))
+        raise UserError(SLIDES.format("on"))
     bound_m = bound_of(np.concatenate([stops.path_m for stops in found]))
     return bound_m, float(max(stops.creep_m_s.max() for stops in found))
 
@@ -193,7 +193,7 @@ def with_stopping_distance(
     slippery one, and across their edges. So is the error of estimates where there is a camera.
 
     Raises:
-        CalibrationError: robots do not come to rest, or estimates are so bad that robots would
+        UserError: robots do not come to rest, or estimates are so bad that robots would
             stop too far from each other.
         FmuError: the FMU cannot be used, or failed.
     """
@@ -207,7 +207,7 @@ def with_stopping_distance(
     bound_m, creep_m_s = map(max, zip(*stops, strict=True))
     stopping_m = math.ceil(1e6 * RESERVE * bound_m) / 1e6
     if creep_m_s * config.timing.episode_limit_s > stopping_m - bound_m:
-        raise CalibrationError(SLIDES.format(f"on, by {3.6e6 * creep_m_s:.2g} mm in an hour"))
+        raise UserError(SLIDES.format(f"on, by {3.6e6 * creep_m_s:.2g} mm in an hour"))
     config = replace(config, shield=shield).having("measured", stopping_m=stopping_m)
     if not world.camera.rate_hz:
         return config
@@ -222,7 +222,7 @@ def with_stopping_distance(
     assert config.shield is not None
     gap_m = stopping_gap(math.sqrt(2.0) * deviation_m, config.shield)
     if gap_m > MOST_GAP * config.robot.diameter_m:
-        raise CalibrationError(
+        raise UserError(
             f"positions are too uncertain in this world: the shield stops robots {1e3 * gap_m:.0f} "
             f"mm apart, more than {MOST_GAP:g} of their diameter; leave out --shield, or change "
             "world.sensor, world.floor_tilt_deg or world.mu_patches"

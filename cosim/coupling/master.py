@@ -60,7 +60,7 @@ class NotFiniteError(UserError):
         robot = self.column + 1
         super().__init__(f"{self.signal} of robot {robot} is {self.value} after tick {tick}")
 
-    def named(self, robot: str, time_s: float) -> "NotFiniteError":
+    def locate(self, robot: str, time_s: float) -> "NotFiniteError":
         """Return this error with the robot and the simulated time in its message."""
         self.args = (
             f"{self.signal} of {robot} is {self.value} at {time_s:.5f} s of simulated time; choose "

@@ -25,7 +25,7 @@ from cosim.coupling.signals import (
     State,
 )
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
-from cosim.onboard.camera import INTERVAL, look
+from cosim.onboard.camera import INTERVAL, update_estimate
 from cosim.onboard.estimation import COVARIANCE, POSE, take_command
 from cosim.onboard.shield import Ground, guard
 from cosim.onboard.steering import HEADING_ERROR, MODE, SPEED, YAW_RATE, steer
@@ -129,7 +129,9 @@ def _look(plant: Plant, state: State, column: int) -> None:
     body, camera, sight = state.bodies[:, column], state.cameras[column], state.sight[:, column]
     pose = (body[X], body[Y], heading(orientation_of(body), plant.portable))
     estimate = state.estimates[column]
-    look(camera, state.frames[column], estimate, sight, pose, plant.estimator, plant.portable)
+    update_estimate(
+        camera, state.frames[column], estimate, sight, pose, plant.estimator, plant.portable
+    )
 
 
 @inlined

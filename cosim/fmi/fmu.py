@@ -52,7 +52,7 @@ class Fmu:
         self.path = path
         if not path.is_file():
             raise self.refusal("does not exist or is a folder; check the path given by --motor-fmu")
-        refuse_pointer(path, FmuError)
+        refuse_pointer(path)
         try:
             self.folder = _unpack(path)
             self.description = self._read_description()

@@ -29,10 +29,11 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi3 import FMU3Slave
 from fmpy.model_description import BaseUnit
 
+from cosim.base.arguments import ConfigError
 from cosim.base.provenance import digest_of
 from cosim.fmi.calls import FMI_ERROR, FMI_FATAL, Addresses
 from cosim.fmi.fmu import Fmu, FmuError
-from cosim.model.config import UNKNOWN, ConfigError, CoSimConfig
+from cosim.model.config import UNKNOWN, CoSimConfig
 from cosim.model.params import TABLE_II, MotorParams, lift_off_speed
 from fmus.build import is_built_in
 from fmus.description import read_description, variables_of

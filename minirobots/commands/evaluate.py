@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from cosim.base.arguments import ConfigError
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
-from cosim.model.config import ConfigError
 from minirobots.options import Distributed, Folder, NotNegative, Resumable, Seed, Simulating
 
 if TYPE_CHECKING:

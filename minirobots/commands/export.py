@@ -33,11 +33,11 @@ class Export(CommandOptions):
 def run(options: Export, progress: Progress) -> dict[str, Any]:
     """Read the recording and write the selected signals."""
     from analysis.export import chosen, export
-    from cosim.base.storage import named
+    from cosim.base.storage import require_suffix
     from cosim.recording.reader import read_episode
 
     suffix = f".{options.to}"
-    out = named(options.out or options.recording.with_suffix(suffix), suffix)
+    out = require_suffix(options.out or options.recording.with_suffix(suffix), suffix)
     with under_way(progress, "reading"):
         episode = read_episode(options.recording)
     episode = chosen(episode, options.signals, options.rate)

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from cosim.base.arguments import named_once
+from cosim.base.arguments import validate_unique
 from cosim.base.command import MotorFmuFile, MotorParameters
 from cosim.base.progress import Progress
 from minirobots.options import File, IsolatedOptions, Positive
@@ -49,7 +49,7 @@ def run(options: MotorLoop, progress: Progress) -> Iterator[Any]:
 
     use_style()
     fmu = MotorFmu(options.motor_fmu or cached_fmu("VibrationMotor"))
-    at_hand = GivenMotor.of(fmu, named_once("motor_parameters", options.motor_parameters))
+    at_hand = GivenMotor.of(fmu, validate_unique("motor_parameters", options.motor_parameters))
     motor = at_hand.params
     omega_des = theory.step_speed(motor, options.omega_des)
     proposed, limit = theory.propose(motor, omega_des)

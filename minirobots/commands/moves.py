@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import tyro
 
 from agent.moves.worlds import RANGES, WorldRange
+from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress
-from cosim.model.config import ConfigError
 from cosim.model.scenario import Scenario
 from cosim.simulation.options import DecisionOptions, Physics
 from minirobots.options import Count, File, IsolatedOptions, Jobs, Positive, Seed, ending
@@ -30,7 +30,7 @@ class ObserveMoves(IsolatedOptions):
     worlds: bool = False
     """Let every walk drive in a world of its own, drawn from the ranges below."""
     ranges: Annotated[WorldRange, tyro.conf.arg(name="worlds")] = RANGES
-    """Ranges that worlds are drawn from uniformly, see docs/robustness.md."""
+    """Ranges that worlds are drawn from uniformly, see docs/methods.md."""
     cell: Annotated[Positive, tyro.conf.arg(metavar="M")] = Scenario.cell_m
     """Edge of a cell in m, that of the scenario to train in."""
     seed: Seed = 0

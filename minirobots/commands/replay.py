@@ -70,7 +70,7 @@ def run(options: Replay, progress: Progress) -> Iterator[Comparison]:
     """Run an episode again, compare it with its recording and print what differs.
 
     Raises:
-        RecordingReadError: it is no recording of an episode, or says too little to run it again.
+        FileError: it is no recording of an episode, or says too little to run it again.
         ConfigError: it was recorded with another motor FMU.
         UserError: of the policy or the FMU.
     """

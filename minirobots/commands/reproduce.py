@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
-from cosim.base.storage import alone_in
+from cosim.base.storage import lock_folder
 from minirobots.options import Folder, Jobs, Resumable, Seed
 
 
@@ -40,7 +40,7 @@ class Reproduce(Resumable):
 
     def alone(self) -> AbstractContextManager[None]:
         """Keep other runs out of the output folder."""
-        return alone_in(self.out)
+        return lock_folder(self.out)
 
 
 def run(options: Reproduce, progress: Progress) -> dict[str, str]:

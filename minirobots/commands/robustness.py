@@ -6,8 +6,9 @@ from typing import Any
 
 from agent.study.axes import AXES, Axis
 from agent.training.settings import COMPARED, Method
+from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress
-from cosim.model.config import ConfigError, require_one_of
+from cosim.model.config import require_one_of
 from cosim.model.scenario_file import ROUGH, find_scenario, read_world
 from minirobots.options import BudgetMinutes, Count, Distributed, File, Folder, Resumable, Seed
 
@@ -33,7 +34,7 @@ class Robustness(Distributed, Resumable):
     """Built-in scenario or a scenario file (.toml)."""
     world: File = ROUGH
     """World with all deviations (.toml with a table [world]), by default that of
-    docs/robustness.md."""
+    docs/methods.md."""
     axes: tuple[Axis, ...] = AXES
     """Deviations from the ideal to measure, one at a time, and everything."""
     methods: tuple[Method, ...] = COMPARED

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from agent.training.settings import COMPUTED, Method
+from cosim.base.arguments import ConfigError
 from cosim.base.command import workers
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress, under_way
-from cosim.model.config import ConfigError
 from cosim.recording.live import DEFAULT_VIEWER
 from cosim.simulation.options import resolve
 from minirobots.options import (

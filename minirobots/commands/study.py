@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from cosim.base.arguments import require_one_of, taken
+from cosim.base.arguments import require_one_of, validate_argument
 from cosim.base.progress import Progress
 from minirobots.options import BudgetMinutes, Distributed, Folder, Resumable
 
@@ -37,7 +37,9 @@ def run(options: Study, progress: Progress) -> Iterator[Any]:
 
     require_one_of("quantity", options.quantity, QUANTITIES)
     arguments = read_study(options.file)
-    out = options.out or taken("out", arguments.get("out", Path("runs") / options.file.stem), Path)
+    out = options.out or validate_argument(
+        "out", arguments.get("out", Path("runs") / options.file.stem), Path
+    )
     work = {"out": out, "budget_minutes": options.budget_minutes, "progress": progress}
     table = study(**{**arguments, **vars(options.where), **work})
     if options.quantity != "success":

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from agent.training.settings import COMPARED, Method
+from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress
 from cosim.model.built_in import PAPER
-from cosim.model.config import ConfigError
 from cosim.model.scenario_file import find_scenario
 from minirobots.options import BudgetMinutes, Distributed, Folder, Resumable, Seed
 

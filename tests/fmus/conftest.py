@@ -331,7 +331,7 @@ def instance(library, token, array_library, array_token) -> Iterator[Callable[..
 
     def make(
         kind: int | str = 3,
-        token: str | None = token,
+        token: str = token,
         logging: bool = True,
         library: Any = library,
         name: bytes | None = b"instance",

@@ -44,7 +44,7 @@ def judges(options: Judge) -> "list[Tool]":
     from tests.judge import building, tools
 
     def missing(option: str) -> str:
-        raise tools.JudgeError(f"name it with {option}")
+        raise tools.UserError(f"name it with {option}")
 
     found = [
         tools.Tool(
@@ -70,25 +70,25 @@ def judges(options: Judge) -> "list[Tool]":
         fmucheck = building.build_fmucheck(options.fmucheck_src, folder / "fmucheck")
     jar = options.vdmcheck_jar
 
-    def named(path: Path | None, option: str) -> str:
+    def require_option(path: Path | None, option: str) -> str:
         return building.version_in(path) if path else missing(option)
 
     return [
         *found,
         tools.Tool(
             "fmusim",
-            lambda: named(options.fmusim_src, "--fmusim-src"),
+            lambda: require_option(options.fmusim_src, "--fmusim-src"),
             tools.simulate_by_fmusim(fmusim),
         ),
         tools.Tool(
             "FMU Compliance Checker",
-            lambda: named(options.fmucheck_src, "--fmucheck-src"),
+            lambda: require_option(options.fmucheck_src, "--fmucheck-src"),
             tools.simulate_by_fmucheck(fmucheck),
             ("2",),
         ),
         tools.Tool(
             "VDMCheck",
-            lambda: named(jar, "--vdmcheck-jar"),
+            lambda: require_option(jar, "--vdmcheck-jar"),
             tools.validate_by_vdmcheck(jar or folder),
             ("3",),
             ("VibrationMotor", "VibrationMotors"),
@@ -140,11 +140,11 @@ def main() -> None:
     from cosim.base.progress import progress_bars
     from cosim.base.storage import replacing, write_json
     from cosim.base.table import show_texts
-    from tests.judge.tools import JudgeError, ask
+    from tests.judge.tools import UserError, ask
 
     page = options.page.read_text() if options.page else ""
     if options.page and not (_BEGIN in page and _END in page):
-        raise JudgeError(
+        raise UserError(
             f"{options.page} has no place for the table, {_BEGIN.strip()} {_END.strip()}"
         )
     with progress_bars() as progress:
@@ -168,7 +168,7 @@ def main() -> None:
     if options.json:
         print_json({"verdicts": verdicts})
     if any(verdict.agrees is False for verdict in verdicts):
-        raise JudgeError("a judge does not agree; see the table")
+        raise UserError("a judge does not agree; see the table")
 
 
 if __name__ == "__main__":
