@@ -42,15 +42,10 @@ def build_fmu(
 
     Args:
         out_dir: folder that receives the FMU, which has the model's name; made if missing.
-        model: what the FMU is of.
         targets: platforms, keys of `fmus.compiler.TARGETS`; by default this machine's.
 
     Returns:
         Path of the FMU; the file appears whole or not at all.
-
-    Raises:
-        UserError: no compiler was found, or it failed.
-        OSError: the folder cannot be written.
     """
     return build_fmus({"3": out_dir / f"{model}.fmu"}, targets or [host_target()], model=model)[0]
 
@@ -65,16 +60,12 @@ def build_fmus(
 
     Args:
         paths: file to write for each FMI standard; folders are made if missing.
-        targets: platforms, keys of `fmus.compiler.TARGETS`.
-        progress: is told of every platform.
-        model: what the FMU is of.
 
     Returns:
         The paths, in the same order; each file appears whole or not at all.
 
     Raises:
         UserError: no compiler was found, it failed, or it cannot build for a target.
-        OSError: a folder cannot be written.
     """
     token = instantiation_token(model)
     header = render_header(model, token)
@@ -105,10 +96,6 @@ def cached_fmu(model: Model = "VibrationMotors") -> Path:
 
     Args:
         model: what the FMU is of; the co-simulation uses the array of motors.
-
-    Raises:
-        UserError: no compiler was found, or it failed.
-        OSError: the cache cannot be written.
     """
     path = _place(model)
     if path.parent == _CARRIED:

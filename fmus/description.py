@@ -53,7 +53,6 @@ def render_header(model: Model, token: str) -> str:
     """Return `variables.h`: value references, start values and limits.
 
     Args:
-        model: what the FMU is of.
         token: instantiation token that ties the binary to its model description.
     """
     variables = variables_of(read_description(model))

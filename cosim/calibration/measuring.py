@@ -49,26 +49,21 @@ class Point(NamedTuple):
 def points(config: CoSimConfig) -> list[Point]:
     """All trials of a calibration."""
     top = config.lift_off_rad_s
+    some, many = (
+        (2.0 * math.pi * np.arange(n) / n - math.pi).tolist() for n in (DITHERED_PHASES, PHASES)
+    )
     found: list[Point] = []
     for share in SPEEDS:
         speed = share * top
         for name, (d, e) in MANOEUVRES.items():
-            phases = _phases(DITHERED_PHASES)
-            found += [Point(d * speed, e * speed, phase, True) for phase in phases]
+            found += [Point(d * speed, e * speed, phase, True) for phase in some]
             # Without dither, by symmetry, one drive and one turn: what the phase does.
             if name in ("forwards", "left") and share in PHASE_SPEEDS:
-                phases = _phases(PHASES)
-                found += [Point(d * speed, e * speed, phase, False) for phase in phases]
+                found += [Point(d * speed, e * speed, phase, False) for phase in many]
             if name in DRIVES and speed + max(DIFFERENCES_RAD_S) < top:
-                found += [
-                    Point(change + d * speed, change + e * speed, 0.0, True)
-                    for change in DIFFERENCES_RAD_S
-                ]
+                speeds = ((c + d * speed, c + e * speed) for c in DIFFERENCES_RAD_S)
+                found += [Point(*pair, 0.0, True) for pair in speeds]
     return found
-
-
-def _phases(count: int) -> list[float]:
-    return (2.0 * math.pi * np.arange(count) / count - math.pi).tolist()
 
 
 def measure(
@@ -83,9 +78,8 @@ def measure(
     with ThreadPoolExecutor(jobs) as threads:
         seeds = (np.random.SeedSequence(0, spawn_key=(k,)) for k in range(len(batches)))
         try:
-            for result in threads.map(
-                lambda b, s: measure_batch(config, fmu, b, s), batches, seeds
-            ):
+            one = functools.partial(measure_batch, config, fmu)
+            for result in threads.map(one, batches, seeds):
                 rows += list(result)
                 progress(task, len(rows), len(todo))
         except BaseException:
@@ -186,14 +180,8 @@ def find_calibration(
     """The calibration of a configuration: found in the cache, or measured and kept there.
 
     Args:
-        config: of the co-simulation.
-        motor_fmu: of every motor.
-        progress: receives the trials done.
         jobs: threads, on which no bit depends.
         again: measure even if the calibration is there.
-
-    Raises:
-        FmuError: the FMU cannot be used, or failed.
     """
     config = replace(config, open_loop=())  # speeds are those of motors under control
     MotorFmu(motor_fmu)  # a missing or foreign file is named before anything is hashed
@@ -207,9 +195,7 @@ def calibrated_slower(
 ) -> CoSimConfig:
     """Return a configuration as `calibrated` does, at most at the largest speed without hopping.
 
-    Raises:
-        UserError: the robots do not move.
-        FmuError: the FMU cannot be used, or failed.
+    Raises a UserError where the robots do not move.
     """
     config = with_motor(config, motor_fmu)
     calibration = find_calibration(config, motor_fmu, progress)
@@ -224,9 +210,7 @@ def calibrated_slower(
 def calibrated(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
     """The configuration with the motor speeds that realise its drive speed and turn rate.
 
-    Raises:
-        UserError: the drive speed needs hopping.
-        FmuError: the FMU cannot be used, or failed.
+    Raises a UserError where the drive speed needs hopping.
     """
     config = with_motor(config, motor_fmu)
     return find_calibration(config, motor_fmu, progress).resolved(config)

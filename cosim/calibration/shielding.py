@@ -137,11 +137,7 @@ def bound_of(path_m: np.ndarray) -> float:
 
 
 def stopping_distance(config: CoSimConfig, fmu: MotorFmu) -> tuple[float, float]:
-    """Return the bound on the stopping distance in m, and the creep of held robots in m/s.
-
-    Raises:
-        UserError: robots do not come to rest.
-    """
+    """Return the bound on the stopping distance in m, and the creep of held robots in m/s."""
     found = [stopping_paths(config, fmu, ROBOTS, seed) for seed in range(TRIALS)]
     if max(stops.rest_s.max() for stops in found) > 0.9 * _slower(config) * REST_S:
         raise UserError(SLIDES.format("on"))
@@ -195,7 +191,6 @@ def with_stopping_distance(
     Raises:
         UserError: robots do not come to rest, or estimates are so bad that robots would
             stop too far from each other.
-        FmuError: the FMU cannot be used, or failed.
     """
     world, shield = config.world, config.shield or SHIELD
     least_mu = min([config.robot.mu, *(patch.mu for patch in world.mu_patches)])

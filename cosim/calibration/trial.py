@@ -60,8 +60,6 @@ class Trial:
         """Put the robots on the floor.
 
         Args:
-            motor_fmu: of every motor.
-            config: all parameters.
             headings_rad: (N,) counter-clockwise from +x.
             seed: of the speed noise; every motor gets a child of its own.
             motors: (N,) D and E of each robot; default the configuration's.

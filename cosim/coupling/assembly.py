@@ -65,7 +65,6 @@ def robot_properties(
     """Return the properties of a robot in its world: its column of `State.properties`.
 
     Args:
-        config: robot and world.
         gravity: in the frame of the floor, m/s²; default that of a level one.
         motors: D and E; default the configuration's.
     """
@@ -133,9 +132,6 @@ class Motors:
         """Prepare the motors of some columns, with the parameters of a configuration.
 
         Args:
-            fmu: of every motor.
-            config: all parameters.
-            columns: of the robots.
             sampled: whether the FMU is stepped by whole control periods, and returns samples
                 at the ends of the communication steps in them.
 
@@ -185,7 +181,6 @@ class Motors:
         Returns theta and omega there, (4, robots).
 
         Args:
-            columns: of the robots.
             parameters: of each robot's motors D and E. One that is the configuration's leaves an
                 FMU what it began with.
             phases: (robots, 2) rad at which motors D and E begin; NaN, and by default all, as the
@@ -336,7 +331,6 @@ class SpeedNoise:
         Args:
             config: amplitude, and time for which a value holds.
             seed: of the episode; it is not changed.
-            robots: their number.
         """
         children = range(robots * len(MOTOR_NAMES))
         self._generators = [generator(seed, child) for child in children]

@@ -83,7 +83,6 @@ class Driver(ABC):
         """Run whole control periods, until something ends the last running episode.
 
         Args:
-            plant: constants.
             state: variables of B columns, which `lanes` divides; changed in place.
             noise: (n, B, 2) speed noise of n periods, over each motor's set point.
             samples: room for n periods of B columns.

@@ -126,11 +126,7 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
     """Move the robots of a vector by one tick with the forces of their motors at its end.
 
     Args:
-        plant: constants.
         state: variables; the robots' bodies move.
-        column: of the first robot.
-        tick: of the communication step, from 0.
-        width: how many robots.
 
     Returns whether all of them have a finite place and velocity.
     """

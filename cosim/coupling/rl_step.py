@@ -19,7 +19,6 @@ def sampled_of(robots: int, named: Sequence[int] = ()) -> tuple[int, ...]:
     """Return the indices of the robots with kept signals.
 
     Args:
-        robots: number of robots.
         named: numbers of those robots, from 1; by default all of up to `SAMPLED`, else the first
             `SOME`.
 
@@ -66,9 +65,6 @@ def decide(policy: SupportsAct, observation: Observation) -> Decision:
 
     Arrays that it receives and those that it returns are copied: neither what it changes in an
     observation nor a buffer that it uses again changes an episode.
-
-    Raises:
-        UserError: the values of a decision are none.
     """
     decided = policy.act(Observation(*(array.copy() for array in observation)))
     parts: Any = decided if isinstance(decided, Decision) else Decision(decided)

@@ -191,7 +191,6 @@ def with_room(
     """Copy of a state with room for more rectangles and frames.
 
     Args:
-        state: to be enlarged.
         obstacles, patches: least number of every episode.
         forbidden, frames: least number of every robot.
     """

@@ -37,7 +37,6 @@ class Fmu:
     """An unpacked FMU of FMI 3.0 for Co-Simulation.
 
     Attributes:
-        path: the .fmu file.
         folder: where it is unpacked.
         description: fmpy's model description.
         interface: fmpy's description of its Co-Simulation capabilities.
@@ -45,7 +44,6 @@ class Fmu:
 
     Raises:
         FmuError: the file is missing, is no FMU, or cannot run here.
-        OSError: the file cannot be read, or the cache cannot be written.
     """
 
     def __init__(self, path: Path) -> None:

@@ -74,7 +74,6 @@ class MotorFmu(Fmu):
 
     Raises:
         FmuError: the file is missing, is no FMU, or lacks a part of the interface.
-        OSError: the file cannot be read, or the cache cannot be written.
     """
 
     def __init__(self, path: Path, *, open_loop: bool = False) -> None:
@@ -201,11 +200,7 @@ class MotorFmu(Fmu):
         """Values that an instance has of those of some variables that it exposes in the usual unit.
 
         Args:
-            names: of the variables.
             given: values that are set before, by name.
-
-        Raises:
-            FmuError: see `Motor`.
         """
         exposed: dict[str, int] = {}
         for name in names:
@@ -300,7 +295,6 @@ class Motor:
         """Load and initialise an instance.
 
         Args:
-            fmu: of the instance.
             name: as it shall appear in messages.
             parameters: values that replace the FMU's own defaults, by variable name.
             motors: how many it shall have; more than one where they are arrays.
