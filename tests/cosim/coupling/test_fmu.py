@@ -83,7 +83,7 @@ def without(original, path, left_out, content=None):
     ("make", "message"),
     [(lambda _, path: path, r"odd\.fmu does not exist"),
      (lambda _, path: path.write_text("no archive") and path, r"odd\.fmu is broken"),
-     (lambda fmu, path: without(fmu, path, "modelDescription"), r"odd\.fmu .*modelDescription\.xml"),
+     (lambda fmu, path: without(fmu, path, "model"), r"odd\.fmu .*modelDescription\.xml"),
      (lambda fmu, path: without(fmu, path, "binaries/"), "no binary for")],
 )  # fmt: skip
 def test_files_that_are_no_fmu_for_this_machine_are_named(motor_fmu, tmp_path, make, message):
