@@ -35,15 +35,10 @@ FLAGS = ("-std=c11", "-O3", "-g0", "-s", "-shared", "-fPIC", "-fvisibility=hidde
 
 
 class Target(NamedTuple):
-    """A platform to build for.
+    """A platform to build for."""
 
-    Attributes:
-        triple: what the compiler calls it.
-        suffix: file name suffix of its shared libraries.
-    """
-
-    triple: str
-    suffix: str
+    triple: str  # what the compiler calls it
+    suffix: str  # of the names of its shared libraries
 
 
 # Platform tuples of FMI 3. glibc 2.17 (2012) is older than any Linux system in support.
@@ -58,11 +53,7 @@ TARGETS = {
 
 
 def host_target() -> str:
-    """Platform tuple of this machine.
-
-    Raises:
-        UserError: the FMU has no target for this machine.
-    """
+    """Platform tuple of this machine."""
     machine = platform.machine().lower()
     architecture = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
     system = {"win32": "windows"}.get(sys.platform, sys.platform)

@@ -94,19 +94,13 @@ class MotorFmu(Fmu):
         self.inputs = self._references(OPEN_INPUTS if open_loop else INPUTS, "input")
         self.outputs = self._references(OUTPUTS, "output")
         self.electrical = self._references(ELECTRICAL, "output")
-        with contextlib.suppress(KeyError, FmuError):  # what else has such a name is not the loop's
-            loop = [self._reference(name, "local", "output") for name in LOOP]
-            self.electrical = np.append(self.electrical, np.array(loop, dtype=np.uint32))
+        with contextlib.suppress(FmuError):  # what else has such a name is not the loop's
+            loop = self._references(LOOP, "local", "output")
+            self.electrical = np.append(self.electrical, loop)
         self._loaded: Any = None  # the binary in fmpy's hands; slaves are copies of it
 
-    def _references(self, names: tuple[str, ...], causality: str) -> np.ndarray:
-        for name in names:
-            if name not in self.variables:
-                raise self.refusal(
-                    f"has no Float64 {causality} '{name}'; a motor needs inputs "
-                    f"{', '.join(INPUTS)} and outputs {', '.join(OUTPUTS + ELECTRICAL)}"
-                )
-        return np.array([self._reference(name, causality) for name in names], dtype=np.uint32)
+    def _references(self, names: Iterable[str], *causalities: str) -> np.ndarray:
+        return np.array([self._reference(name, *causalities) for name in names], dtype=np.uint32)
 
     def _array_size(self) -> int | None:
         """Value reference of the parameter for the number of motors of an instance; None if one."""
@@ -119,11 +113,9 @@ class MotorFmu(Fmu):
                 f"has '{first.name}' as an array of fixed or of several dimensions; export it as "
                 "a scalar, or with one structural parameter as its size"
             )
-        if (
-            restart is None
-            or (restart.type, restart.causality) != ("Int64", "input")
-            or [d.valueReference for d in restart.dimensions] != [size.valueReference]
-        ):
+        found = restart and (restart.type, restart.causality)
+        sizes = [d.valueReference for d in restart.dimensions] if restart else []
+        if found != ("Int64", "input") or sizes != [size.valueReference]:
             raise self.refusal(
                 f"has arrays but no Int64 input '{RESTART}' of their size; export it with one, or "
                 "with scalars"
@@ -131,18 +123,19 @@ class MotorFmu(Fmu):
         return size.valueReference
 
     def _reference(self, name: str, *causalities: str, samples: int | None = None) -> int:
-        """Value reference of a variable that the master can exchange.
+        """Value reference of a Float64 variable in the usual unit that the master can exchange.
 
         Args:
-            name: of a variable that the FMU has.
+            name: of the variable.
             causalities: those it may have, the usual one first.
             samples: value reference of the number of values that it must have of each motor, None
                 for one.
-
-        Raises:
-            FmuError: it is no Float64 of the motors' size and of that causality, is clocked, or has
-                another unit.
         """
+        if name not in self.variables:
+            raise self.refusal(
+                f"has no Float64 {causalities[0]} '{name}'; a motor needs inputs "
+                f"{', '.join(INPUTS)} and outputs {', '.join(OUTPUTS + ELECTRICAL)}"
+            )
         variable, has = self.variables[name], f"has '{name}'"
         if variable.type != "Float64" or variable.causality not in causalities:
             found = f"{variable.type} {variable.causality}"
@@ -172,22 +165,13 @@ class MotorFmu(Fmu):
 
     @functools.cached_property
     def sampled(self) -> np.ndarray:
-        """Value references (uint32) of the samples of OUTPUTS.
-
-        Raises:
-            FmuError: they are no Float64 arrays of samples and motors in the usual unit.
-        """
+        """Value references (uint32) of the samples of OUTPUTS."""
         samples = self.variables[SAMPLES].valueReference
         found = [self._reference(name, "output", samples=samples) for name in SAMPLED]
         return np.array(found, dtype=np.uint32)
 
     def parameter(self, name: str, *, tunable: bool = False) -> int:
-        """Value reference of a variable that is set before initialisation, or in a run too.
-
-        Raises:
-            FmuError: there is none of that name, it is no Float64 of the motors' size in the usual
-                unit, or it is fixed and to be set in a run.
-        """
+        """Value reference of a variable that is set before initialisation, or in a run too."""
         if name not in self.variables:
             raise self.refusal(f"has no parameter '{name}'; export it with one")
         if tunable and self.variables[name].variability == "fixed":
@@ -199,12 +183,11 @@ class MotorFmu(Fmu):
     def read(self, names: Iterable[str], given: Mapping[str, float]) -> dict[str, float]:
         """Values that an instance has of those of some variables that it exposes in the usual unit.
 
-        Args:
-            given: values that are set before, by name.
+        Values of `given` are set before, by name.
         """
         exposed: dict[str, int] = {}
-        for name in names:
-            with contextlib.suppress(FmuError, KeyError):
+        for name in (name for name in names if name in self.variables):
+            with contextlib.suppress(FmuError):
                 exposed[name] = self._reference(name, self.variables[name].causality)
         motor = Motor(self, "parameters", given)
         try:
@@ -213,12 +196,7 @@ class MotorFmu(Fmu):
             motor.close()
 
     def load(self, name: str, log: deque[str]) -> Any:
-        """A new instance, as fmpy's slave; raises what fmpy does where the binary does not load.
-
-        Args:
-            name: of the instance.
-            log: gets what the FMU reports.
-        """
+        """A new instance, as fmpy's slave, whose messages `log` gets; raises what fmpy does."""
         with _LOADING:
             if self._loaded is None:
                 here = Path.cwd()
