@@ -8,6 +8,7 @@ software Vulkan, from asking it to open the file until it has loaded.
 
 import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +18,7 @@ from rerun.chunk import RrdReader
 
 from analysis.viewer import screenshot
 from benchmarks.timing import times_s
+from cosim.base.command import Checked, Count, Seconds
 from cosim.base.errors import UserError
 from cosim.coupling.rl_step import Decision, Step
 from cosim.model.config import CoSimConfig
@@ -26,14 +28,14 @@ from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.levels import DETAILS, Level
 from cosim.simulation.cosimulation import CoSimulation
 from fmus.build import cached_fmu
-from minirobots.options import CommandOptions, Count, Seconds
 
 NORTH, SOUTH = 2, 6
 NOTHING = np.full((2, 3), np.nan)
 SCENARIO = Scenario("pair", "", ((7, 27), (22, 27)), (((7, 2),), ((22, 2),)))
 
 
-class Options(CommandOptions):
+@dataclass(frozen=True, kw_only=True)
+class Options(Checked):
     levels: tuple[Literal["summary", "default", "full"], ...] = ("summary", "default", "full")
     """Levels to measure."""
     rounds: Count = 7

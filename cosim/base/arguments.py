@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping
 from functools import cache
 from pathlib import Path, PurePath
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -34,7 +34,8 @@ def validate_argument(name: str, value: Any, kind: Any) -> Any:
     plain = to_plain(name, value)
     if isinstance(plain, PurePath) and kind is str:
         plain = str(plain)
-    if get_origin(kind) is tuple and isinstance(plain, str | dict):
+    bare = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    if get_origin(bare) is tuple and isinstance(plain, str | dict):
         plain = (plain,) if isinstance(plain, str) else list(plain.items())
     try:
         return msgspec.convert(plain, kind, dec_hook=_path)
@@ -89,7 +90,7 @@ def unknown(name: str, value: Any, known: Collection[str]) -> str:
 
 @cache
 def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind)
+    return get_type_hints(kind, include_extras=True)
 
 
 def to_plain(name: str, value: Any) -> Any:

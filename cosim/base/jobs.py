@@ -13,7 +13,7 @@ from typing import Annotated, Any, Generic, Literal, NamedTuple, Protocol, TypeV
 import tyro
 
 from cosim.base.arguments import validate_argument, validate_fields
-from cosim.base.command import Jobs, require_at_least, workers
+from cosim.base.command import BudgetMinutes, Jobs, workers
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent, under_way
 
@@ -53,7 +53,8 @@ class Workers:
         return _CLUSTER if self.address is not None else workers(self.jobs)
 
 
-PROCESSES = Workers(backend="loky")
+Where = Annotated[Workers, tyro.conf.OmitArgPrefixes]  # as an option
+THREADS, PROCESSES = Workers(), Workers(backend="loky")
 
 
 class KeyedJob(Protocol):
@@ -109,8 +110,7 @@ def until(budget_minutes: float | None) -> Callable[[], bool]:
     Raises:
         UserError: the budget is negative or no number.
     """
-    budget_minutes = validate_argument("budget_minutes", budget_minutes, float | None)
-    require_at_least(0, budget_minutes=budget_minutes)
+    budget_minutes = validate_argument("budget_minutes", budget_minutes, BudgetMinutes)
     end = math.inf if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
     return lambda: time.monotonic() < end
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from cosim.base.command import Json, parse, print_json
 from cosim.base.errors import run_command
 from fmus.models import MODELS, STANDARDS, Fmi
+from minirobots.runner import parse, print_json
 
 if TYPE_CHECKING:
     from tests.judge.tools import Artefact, Tool, Verdict
@@ -37,7 +37,6 @@ class Judge:
     """VDMCheck of FMI 3, a Java archive."""
     page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Page (.md) whose table of verdicts is replaced."""
-    json: Json = False
 
 
 def judges(options: Judge) -> "list[Tool]":
@@ -114,7 +113,8 @@ def markdown(verdicts: "Sequence[Verdict]") -> str:
 
 def main() -> None:
     """Command line; see `Judge`."""
-    options = parse(Judge, "python -m tests.judge")
+    line = parse(Judge, "python -m tests.judge")
+    options = line.options
     from cosim.base.progress import progress_bars
     from cosim.base.storage import replacing, write_json
     from cosim.base.table import show_texts
@@ -143,7 +143,7 @@ def main() -> None:
             temporary.write_text(text)
     show_texts(HEADER, rows_of(verdicts), numbers=1, names=3)
     print(f"results in {options.out}/: verdicts.json, verdicts.md")
-    if options.json:
+    if line.json:
         print_json({"verdicts": verdicts})
     if any(verdict.agrees is False for verdict in verdicts):
         raise UserError("a judge does not agree; see the table")

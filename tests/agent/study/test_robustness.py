@@ -13,7 +13,7 @@ from cosim.base.errors import UserError
 from cosim.base.table import markdown
 from cosim.model.scenario_file import find_scenario, in_world, read_world
 from cosim.model.world import IDEAL, World
-from minirobots.commands.robustness import Robustness
+from minirobots.commands.policies import Robustness
 from tests.agent.study.test_transfer import BOARD
 
 ROUGH = Path(__file__).parents[3] / "docs" / "examples" / "rough.toml"

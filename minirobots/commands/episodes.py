@@ -1,0 +1,215 @@
+"""Commands that simulate episodes: a run of them, and one that was recorded, again."""
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from agent.training.settings import COMPUTED, Method
+from cosim.base import command as opt
+from cosim.base.arguments import ConfigError
+from cosim.base.errors import in_shell
+from cosim.base.progress import Progress
+from cosim.model.scenario_file import find_scenario
+from cosim.recording.live import DEFAULT_VIEWER
+from cosim.simulation.options import EpisodeOptions, Setup, resolve
+from minirobots.runner import Command, Output
+
+if TYPE_CHECKING:
+    from agent.mdp.greedy import GreedyPolicy
+    from agent.training.loop import TrainingLog
+    from cosim.model.scenario import Scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(Command):
+    """Mini-robots learn to reach their targets, then drive there with motors, mass and friction.
+
+    The agents are trained (or found in the cache if this configuration was trained before), and
+    every episode of the co-simulation steps the motor FMUs and the rigid bodies with dt = 1e-5 s
+    while the agents decide every 2 s. Results go to the output folder: summary.json, policy.npz,
+    training.rrd and one recording per episode, to be opened in the Rerun viewer.
+
+    fmpy loads the motor FMUs and steps them; python-control checks their speed loop (minirobots
+    motor-loop); Gymnasium and PettingZoo environments (agent.envs) give other learners the same
+    boards; Rerun keeps and shows every signal.
+    """
+
+    kept = "results so far are in {out}/"
+
+    scenario: opt.ScenarioName = "2"
+    out: opt.NewFolder = None
+    episodes: opt.Count = 1
+    """Episodes to co-simulate, each from start cells drawn with the seed."""
+    method: Method | None = None
+    """How agents learn: on the grid as in Section V (paper, the default for one robot or two on up
+    to 1000 cells), or on moves observed in co-simulation (moves, the default with obstacles, for
+    larger boards and for swarms). Or they are computed without learning: of one or two robots the
+    joint paths that are optimal on the grid by length (shortest), of one or two the least time on
+    observed moves (fastest; two with --through), of up to eight paths in space and time, which they
+    plan while they drive (planned, the default for three to eight)."""
+    train_episodes: opt.Count | None = None
+    """Episodes to train; by default 5 000 000 on the grid (Section V), and 1 500 000 on moves."""
+    train_seed: opt.NotNegative | None = None
+    """Seed of training: by default 0, so that every --seed uses the same policy, trained once."""
+    again: Annotated[bool, tyro.conf.arg(aliases=["--retrain"])] = False
+    """Train even if the cache has a policy of this configuration."""
+    policy: opt.File | None = None
+    """Trained policy to use instead of training: a file (policy.npz)."""
+    no_record: bool = False
+    """Short for --record none."""
+    live: bool = False
+    """Send recorded data to a running Rerun viewer too, while the episodes run."""
+    spawn: bool = False
+    """Open a Rerun viewer on this machine and send it the recorded data."""
+    viewer: Annotated[str, tyro.conf.arg(metavar="URL")] = DEFAULT_VIEWER
+    """Address of the viewer for --live and --spawn."""
+    jobs: opt.Jobs = -1
+    physics: Annotated[EpisodeOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=EpisodeOptions
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        record = self.physics.record
+        if self.no_record and record not in {"none", "default"}:
+            raise ConfigError(f"--no-record contradicts --record {record}; leave out one of them")
+        if self.no_record:
+            object.__setattr__(self, "physics", replace(self.physics, record="none"))
+        of_training = {
+            "--method": self.method,
+            "--train-episodes": self.train_episodes,
+            "--train-seed": self.train_seed,
+            "--again": self.again or None,
+        }
+        given = [name for name, value in of_training.items() if value is not None]
+        if self.policy is not None and given:
+            raise ConfigError(
+                f"{' and '.join(given)}: nothing is trained with --policy, which names a trained "
+                "policy; leave one of them out"
+            )
+        if self.viewer != DEFAULT_VIEWER and not (self.live or self.spawn):
+            raise ConfigError("--viewer has no effect without --live or --spawn; add one of them")
+        recorded = self.physics.record != "none"
+        if not recorded and self.physics.signals:
+            raise ConfigError("--signals has no effect where nothing is recorded; leave it out")
+        if not recorded and (self.live or self.spawn):
+            raise ConfigError("--live and --spawn show what is recorded; choose another --record")
+
+    def subject(self) -> str:
+        return find_scenario(self.scenario).name
+
+    def run(self, progress: Progress) -> Output:
+        from agent.evaluation.series import Series
+        from cosim.base.table import show_texts
+        from cosim.recording.levels import with_bursts
+        from cosim.recording.live import find_viewer, spawn_viewer
+        from cosim.simulation.ahead import compiling_ahead
+        from cosim.simulation.batch import chosen_driver
+
+        out, threads, record = self.out, opt.workers(self.jobs), self.physics.record
+        assert out is not None
+        written = 0 if record == "none" else self.episodes
+        if more := sorted((out / "episodes").glob("ep_*.rrd"))[written:]:
+            raise ConfigError(
+                f"{more[0]} is of a run of other episodes, and would stay next to the new summary; "
+                "choose another --out, or remove it"
+            )
+        scenario, config, fmu = resolve(self.physics, self.scenario, progress)
+        viewer = None
+        if self.spawn:
+            viewer = spawn_viewer(self.viewer)
+        elif self.live:
+            viewer = find_viewer(self.viewer)
+        setup = Setup(scenario, with_bursts(config, record), fmu)
+        driver = chosen_driver(self.physics.driver, fmu, setup.config)
+        with compiling_ahead(scenario.robots, driver, self.episodes, threads):
+            policy, log = self._policy(scenario, progress)
+        series = Series(setup, policy, out, self.physics, viewer, progress)
+        results = series.run(self.episodes, threads, log)
+        names = "episode", "outcome", "path length", "rotation", "simulated", "× real time"
+        rows = [
+            (
+                str(number),
+                result.outcome,
+                f"{result.path_length_cm:.1f} cm",
+                f"{result.rotation_deg:.0f}°",
+                f"{result.sim_time_s:.0f} s",
+                f"{result.realtime_factor:.1f}",
+                result.recording or "none",
+            )
+            for number, result in enumerate(results)
+        ]
+        first = [out / result.recording for result in results[:1] if result.recording]
+        return Output(
+            {"episodes": results},
+            partial(show_texts, (*names, "recording"), rows),
+            f"results in {out}/: summary.json, policy.npz",
+            *(f"open with: {in_shell('rerun')} {path}" for path in first),
+        )
+
+    def _policy(
+        self, scenario: "Scenario", progress: Progress
+    ) -> "tuple[GreedyPolicy, TrainingLog | None]":
+        from agent.method import best_method, method_policy
+        from agent.policies import load_policy
+
+        if self.policy is not None:
+            return load_policy(self.policy, scenario), None
+        method = self.method or best_method(scenario)
+        if method in COMPUTED and (self.train_episodes or self.train_seed is not None):
+            raise ConfigError(
+                f"--train-episodes, --train-seed: method {method} is computed, not trained; leave "
+                "them out, or choose a method that learns, such as moves"
+            )
+        policy, log, _ = method_policy(
+            method,
+            scenario,
+            self.train_seed or 0,
+            episodes=self.train_episodes,
+            motor_fmu=self.physics.motor_fmu,
+            motor_parameters=self.physics.motor_parameters,
+            again=self.again,
+            progress=progress,
+        )
+        return policy, log
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replay(Command):
+    """Run a recorded episode again and compare every signal, bit for bit.
+
+    Scenario, parameters, start cells and seeds are those of the recording; the policy is that of
+    the run. Exits with status 1 if anything differs. A recording that a killed run left is compared
+    as far as it goes.
+    """
+
+    recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING.rrd")]
+    """Recording of an episode."""
+    policy: opt.File | None = None
+    """Policy of the run; by default policy.npz in the folder above that of the recording."""
+    motor_fmu: opt.MotorFmuFile = None
+
+    def run(self, progress: Progress) -> Output:
+        from analysis.replay import replay
+
+        found = replay(self.recording, self.policy, self.motor_fmu, progress)
+        count, differences = found["signals"], found["differences"]
+        ended = "" if found["complete"] else " as far as the recording goes, which is not complete"
+        return Output(
+            found,
+            *(
+                f"{name} was {was} when it was recorded, and is {now or 'missing'} now"
+                for name, (was, now) in found["versions"].items()
+            ),
+            *(
+                f"{each['signal']} differs"
+                + ("" if each["time_s"] is None else f" from {each['time_s']:g} s on")
+                for each in differences
+            ),
+            f"{count - len(differences)} of {count} signals ({found['values']} values) are equal "
+            f"in every bit{ended}",
+            failed=bool(differences),
+        )
