@@ -18,9 +18,8 @@ from benchmarks.recording import overheads
 from benchmarks.timing import best_s
 from cosim.base.command import Checked, Count
 from cosim.base.jit import kernel
-from cosim.coupling.calls import do_step
-from cosim.coupling.fmu import Addresses, MotorFmu
-from cosim.fmi.abi import FMI_OK, exchange_3
+from cosim.fmi.calls import FMI_OK, Addresses, do_step, exchange
+from cosim.fmi.motor import Motor, MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD, STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.model.scenario import MAX_SIDE_CELLS, Scenario
@@ -107,7 +106,7 @@ def fmu_only(
     for tick in range(first, first + n):
         worst = max(worst, do_step(calls.do_step, instance, tick * 1e-5, 1e-5))
         arguments = (instance, references.ctypes.data, 3, where, size)
-        status = exchange_3(calls.get_float64, arguments)
+        status = exchange(calls.get_float64, arguments)
         worst = max(worst, status)
     return worst
 
@@ -115,16 +114,16 @@ def fmu_only(
 def motor_step_s(path: Path, motors: int, rounds: int, ticks: int = 20_000) -> float:
     """Time of one motor and tick in s, of an instance with this number of motors at drive speed."""
     fmu = MotorFmu(path)
-    motor = fmu.instantiate("benchmark", motors=motors)
+    motor = Motor(fmu, "benchmark", motors=motors)
     if fmu.arrays:
         motor.restart(np.ones(motors, dtype=np.int64))
     values = np.zeros(len(fmu.outputs) * motors)
-    motor.set_inputs(np.repeat([SPEED, 0.0, 0.0], motors), 0, TIMING.dt_s)
+    motor.set(fmu.inputs, np.repeat([SPEED, 0.0, 0.0], motors))
     done = 0
 
     def run(count: int) -> None:
         nonlocal done
-        assert fmu_only(motor.addresses, motor.instance, fmu.outputs, values, done, count) == FMI_OK
+        assert fmu_only(motor.functions, motor.address, fmu.outputs, values, done, count) == FMI_OK
         done += count
 
     run(100_000)

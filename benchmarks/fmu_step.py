@@ -13,9 +13,8 @@ import numpy as np
 from benchmarks.timing import best_s
 from cosim.base.command import Checked, Count, MotorFmuFile
 from cosim.base.jit import kernel
-from cosim.coupling.calls import do_step
-from cosim.coupling.fmu import Addresses, MotorFmu
-from cosim.fmi.abi import exchange_3
+from cosim.fmi.calls import Addresses, do_step, exchange
+from cosim.fmi.motor import Motor, MotorFmu
 from cosim.model.params import FIG_7, TABLE_II, TIMING, MotorParams
 from fmus.build import cached_fmu
 
@@ -39,10 +38,10 @@ def compiled(calls: Addresses, instance: int, references: np.ndarray, noise: np.
     worst, where, inputs = 0, references.ctypes.data, noise.ctypes.data
     results = out.ctypes.data
     for k in range(noise.shape[0]):
-        status = exchange_3(calls.set_float64, (instance, where, 1, inputs + 8 * k, 1))
+        status = exchange(calls.set_float64, (instance, where, 1, inputs + 8 * k, 1))
         worst = max(worst, status)
         worst = max(worst, do_step(calls.do_step, instance, (first + k) * dt, dt))
-        status = exchange_3(calls.get_float64, (instance, where + 4, 2, results + 16 * k, 2))
+        status = exchange(calls.get_float64, (instance, where + 4, 2, results + 16 * k, 2))
         worst = max(worst, status)
     return worst
 
@@ -94,7 +93,7 @@ def measure(options: Options) -> dict[str, float]:
     references = np.array([known[name] for name in (INPUT, *OUTPUTS)], dtype=np.uint32)
     inputs, outputs = references[:1].tolist(), references[1:].tolist()
     start = {"omega_des": FIG_7.omega_des}
-    by_python, by_calls = fmu.instantiate("python", start), fmu.instantiate("calls", start)
+    by_python, by_calls = Motor(fmu, "python", start), Motor(fmu, "calls", start)
     state, dt = np.zeros(3), TIMING.dt_s
     generator, count = np.random.default_rng(0), options.exchanges
     many, few = (generator.uniform(-35.0, 35.0, n) for n in (count, max(count // 50, 1)))
@@ -112,7 +111,7 @@ def measure(options: Options) -> dict[str, float]:
 
     def run_compiled(noise: np.ndarray) -> np.ndarray:
         room = out[: len(noise)]
-        arguments = (by_calls.addresses, by_calls.instance, references, noise, room)
+        arguments = (by_calls.functions, by_calls.address, references, noise, room)
         assert compiled(*arguments, done["compiled"], dt) == 0
         done["compiled"] += len(noise)
         return room

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cosim.base.command import Checked, Jobs
-from cosim.calibration.cache import find_calibration
+from cosim.calibration.measuring import find_calibration
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING
 from cosim.model.world import World

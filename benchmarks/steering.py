@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.base.command import Checked, Count
 from cosim.base.errors import UserError
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING, TABLE_I
 from cosim.model.world import World

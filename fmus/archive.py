@@ -32,11 +32,7 @@ def binaries(fmi: Fmi, name: str, libraries: Mapping[str, bytes]) -> dict[str, b
 
 
 def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
-    """Write files by their names as a zip archive; equal files give equal archives.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write files by their names as a zip archive; equal files give equal archives."""
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, content in files.items():
             entry = zipfile.ZipInfo(name, ZIP_EPOCH)

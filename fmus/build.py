@@ -1,4 +1,4 @@
-"""Builds the FMUs: renders their tables, has their C code compiled and packs the archives.
+"""Builds the FMUs: renders their descriptions, has their C code compiled and packs the archives.
 
 The command is `minirobots fmu`; `cached_fmu` gives the co-simulation one:
 that of the wheel, or one that is built on first use. Numerical work is in C files like
@@ -22,12 +22,11 @@ from fmus.description import (
     license_text,
     read_origin,
     render_build_description,
-    render_fmi2,
-    render_fmi3,
+    render_description,
+    render_header,
     render_html,
 )
 from fmus.models import MODELS, ROOT, Fmi, Model, folders
-from fmus.variables import Table, load_table, render_header
 
 __all__ = ["UserError", "build_fmu", "build_fmus", "cached_fmu"]
 
@@ -43,15 +42,10 @@ def build_fmu(
 
     Args:
         out_dir: folder that receives the FMU, which has the model's name; made if missing.
-        model: what the FMU is of.
         targets: platforms, keys of `fmus.compiler.TARGETS`; by default this machine's.
 
     Returns:
         Path of the FMU; the file appears whole or not at all.
-
-    Raises:
-        UserError: no compiler was found, or it failed.
-        OSError: the folder cannot be written.
     """
     return build_fmus({"3": out_dir / f"{model}.fmu"}, targets or [host_target()], model=model)[0]
 
@@ -66,37 +60,31 @@ def build_fmus(
 
     Args:
         paths: file to write for each FMI standard; folders are made if missing.
-        targets: platforms, keys of `fmus.compiler.TARGETS`.
-        progress: is told of every platform.
-        model: what the FMU is of.
 
     Returns:
         The paths, in the same order; each file appears whole or not at all.
 
     Raises:
         UserError: no compiler was found, it failed, or it cannot build for a target.
-        OSError: a folder cannot be written.
     """
-    table = load_table(model)
-    token = instantiation_token(table)
-    header = render_header(table, token)
+    token = instantiation_token(model)
+    header = render_header(model, token)
     libraries = {}
     for target in targets:
         progress("compiling", len(libraries), len(targets), target)
         libraries[target] = compile_library(model, header, target)
     progress("compiling", len(libraries), len(targets))
-    origin = read_origin()
-    documentation = {
-        "documentation/index.html": render_html(table),
-        "documentation/licenses/license.txt": license_text().encode(),
-    }
     for fmi, path in paths.items():
-        render = render_fmi2 if fmi == "2" else render_fmi3
-        files = {"modelDescription.xml": render(table, token, origin)}
         sources = source_files(model, fmi, header)
-        sources["buildDescription.xml"] = render_build_description(table, fmi)
-        files |= binaries(fmi, table.name, libraries) | documentation
-        write_archive(path, files | {f"sources/{name}": sources[name] for name in sources})
+        sources["buildDescription.xml"] = render_build_description(model, fmi)
+        files = {
+            "modelDescription.xml": render_description(model, fmi, token),
+            **binaries(fmi, model, libraries),
+            "documentation/index.html": render_html(model),
+            "documentation/licenses/license.txt": license_text().encode(),
+            **{f"sources/{name}": content for name, content in sources.items()},
+        }
+        write_archive(path, files)
     return list(paths.values())
 
 
@@ -108,10 +96,6 @@ def cached_fmu(model: Model = "VibrationMotors") -> Path:
 
     Args:
         model: what the FMU is of; the co-simulation uses the array of motors.
-
-    Raises:
-        UserError: no compiler was found, or it failed.
-        OSError: the cache cannot be written.
     """
     path = _place(model)
     if path.parent == _CARRIED:
@@ -124,7 +108,7 @@ def _place(model: Model) -> Path:
     carried = _CARRIED / f"{model}.fmu"
     if carried.is_file():
         return carried
-    token = instantiation_token(load_table(model))
+    token = instantiation_token(model)
     key = digest_of(token, host_target(), FLAGS, compiler_version())
     return cache_dir("fmus") / key / f"{model}.fmu"
 
@@ -143,7 +127,7 @@ def identity_of_fmu(path: Path) -> str:
 @functools.cache
 def digest_of_sources(model: Model) -> str:
     """Return the hash of a model's C code, without comments and layout."""
-    files = source_files(model, "3", render_header(load_table(model), "")).items()
+    files = source_files(model, "3", render_header(model, "")).items()
     code = {name: _COMMENT.sub("", text.decode()).split() for name, text in files}
     return digest_of(code, FLAGS)
 
@@ -161,11 +145,11 @@ def _built_in(path: Path) -> Model | None:
     return next((m for m in MODELS if path.stem == m and path == _place(m)), None)
 
 
-def instantiation_token(table: Table) -> str:
+def instantiation_token(model: Model) -> str:
     """Token that ties model description and binary: a hash of everything they are made from."""
-    digest = hashlib.sha256(f"{table!r}{read_origin()}{license_text()}".encode())
-    suffixes = {".c", ".h", ".html"}
-    files = [path for folder in folders(table.name) for path in folder.iterdir()]
+    digest = hashlib.sha256(f"{read_origin()}{license_text()}".encode())
+    suffixes = {".c", ".h", ".html", ".xml"}
+    files = [path for folder in folders(model) for path in folder.iterdir()]
     inputs = [path for path in files if path.suffix in suffixes]
     for path in sorted([*inputs, *ROOT.glob("*.py")]):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())

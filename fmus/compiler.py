@@ -35,15 +35,10 @@ FLAGS = ("-std=c11", "-O3", "-g0", "-s", "-shared", "-fPIC", "-fvisibility=hidde
 
 
 class Target(NamedTuple):
-    """A platform to build for.
+    """A platform to build for."""
 
-    Attributes:
-        triple: what the compiler calls it.
-        suffix: file name suffix of its shared libraries.
-    """
-
-    triple: str
-    suffix: str
+    triple: str  # what the compiler calls it
+    suffix: str  # of the names of its shared libraries
 
 
 # Platform tuples of FMI 3. glibc 2.17 (2012) is older than any Linux system in support.
@@ -58,11 +53,7 @@ TARGETS = {
 
 
 def host_target() -> str:
-    """Platform tuple of this machine.
-
-    Raises:
-        UserError: the FMU has no target for this machine.
-    """
+    """Platform tuple of this machine."""
     machine = platform.machine().lower()
     architecture = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
     system = {"win32": "windows"}.get(sys.platform, sys.platform)
@@ -72,11 +63,7 @@ def host_target() -> str:
 
 
 def compiler_command() -> list[str]:
-    """Command of the C compiler: ziglang, or the system's cc where ziglang is missing.
-
-    Raises:
-        UserError: there is neither.
-    """
+    """Command of the C compiler: ziglang, or the system's cc where ziglang is missing."""
     if importlib.util.find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc"]
     if cc := shutil.which("cc"):
@@ -96,11 +83,7 @@ def compiler_version() -> str:
 
 
 def fmi_headers() -> Path:
-    """Folder with the header files of the FMI standards, which fmpy ships.
-
-    Raises:
-        UserError: fmpy is not installed.
-    """
+    """Folder with the header files of the FMI standards, which fmpy ships."""
     spec = importlib.util.find_spec("fmpy")
     if spec is None or spec.origin is None:
         raise UserError("the FMI header files are missing; install fmpy (pip install fmpy)")
@@ -114,11 +97,6 @@ def unit_file(model: Model, fmi: Fmi) -> str:
 
 def source_files(model: Model, fmi: Fmi, header: str) -> dict[str, bytes]:
     """All sources of one FMU, but the standard's headers.
-
-    Args:
-        model: what the FMU is of.
-        fmi: its standard.
-        header: content of `variables.h`.
 
     Returns:
         Content by file name.
@@ -134,16 +112,8 @@ def source_files(model: Model, fmi: Fmi, header: str) -> dict[str, bytes]:
 def compile_library(model: Model, header: str, target: str) -> bytes:
     """Compile the C code into a shared library that has the functions of all the model's standards.
 
-    Args:
-        model: what the FMU is of.
-        header: content of `variables.h`.
-        target: platform tuple, a key of `TARGETS`.
-
     Returns:
         The library's bytes, the same at every build with the same compiler.
-
-    Raises:
-        UserError: no compiler was found, or it failed.
     """
     command = compiler_command()
     if "ziglang" in command:
@@ -165,12 +135,7 @@ def run_compiler(command: Sequence[str], work: Path, purpose: str) -> None:
     """Run a command of the C compiler in a folder, in which zig keeps what it caches.
 
     Args:
-        command: with arguments.
-        work: the folder.
         purpose: what is compiled, for the message.
-
-    Raises:
-        UserError: the compiler failed.
     """
     run = subprocess.run(
         command,

@@ -1,292 +1,183 @@
-"""Texts of the FMUs' archives: model descriptions, build descriptions, documentation, licence.
+"""Texts of the FMUs' archives, made from the hand-written description of each model.
 
-Only the markup lives here; what the variables are is `fmus.variables`.
+`VibrationMotor.xml` and `VibrationMotors.xml` are model descriptions of FMI 3.0 without version,
+licence and token. `variables.h`, the description for FMI 2.0 and the table of the documentation
+are made from them.
 """
 
 import html
 import importlib.metadata
-import math
 import re
 from string import Template
-from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from fmus.compiler import PLAIN_NAMES, SAME_BITS, unit_file
-from fmus.models import Fmi, read_text
-from fmus.variables import TIME_REFERENCE, Table, Variable
-
-LOG_CATEGORY = "logStatusError"
-# Fig. 7 shows the first seconds of the motor's response. A turn at its speed takes 9 ms.
-DEFAULT_STOP_S, DEFAULT_STEP_S = 2.0, 1e-3
-
-_INITIAL = {
-    "output": "calculated",
-    "parameter": "exact",
-    "structuralParameter": "exact",
-    "local": "calculated",
-}
-_ENUMERATION = "Solver"
-
-
-class Origin(NamedTuple):
-    """Origin of the FMU; fields are named as the model descriptions' attributes.
-
-    Attributes:
-        version: of this project.
-        author: holder of the copyright.
-        copyright: the licence's line of it.
-        license: SPDX name of the licence.
-    """
-
-    version: str
-    author: str
-    copyright: str
-    license: str
+from fmus.models import Fmi, Model, read_text
 
 
 def license_text() -> str:
-    """The licence in full."""
+    """Return the licence in full."""
     return str(importlib.metadata.distribution("minirobots").read_text("licenses/LICENSE"))
 
 
-def read_origin() -> Origin:
-    """Origin of the FMU, from the project's metadata and licence."""
+def read_origin() -> dict[str, str]:
+    """Return version, author, copyright and license (SPDX), as attributes of a description."""
     project = importlib.metadata.distribution("minirobots")
     (line,) = re.findall(r"^Copyright .*$", license_text(), re.MULTILINE)
-    author = re.sub(r"^Copyright \(c\) \d+ ", "", line)
-    return Origin(project.version, author, line, project.metadata["License-Expression"])
-
-
-def render_fmi3(table: Table, token: str, origin: Origin) -> bytes:
-    """`modelDescription.xml` of FMI 3.0.
-
-    Args:
-        table: the variables.
-        token: instantiation token that ties the description to its binary.
-        origin: whose work of which version the FMU is.
-    """
-    root = _root(table, origin, fmiVersion="3.0", instantiationToken=token)
-    capabilities = {
-        "modelIdentifier": table.name,
-        "canGetAndSetFMUState": "true",
-        "canSerializeFMUState": "true",
-        "canHandleVariableCommunicationStepSize": "true",
-    }
-    ET.SubElement(root, "CoSimulation", capabilities)
-    _add_units(root, table)
-    if enumerations := table.group("parameter", "Enumeration"):
-        definitions = ET.SubElement(root, "TypeDefinitions")
-        for variable in enumerations:
-            element = ET.SubElement(definitions, "EnumerationType", name=_ENUMERATION)
-            _add_items(element, variable)
-    _add_frame(root)
-    variables = ET.SubElement(root, "ModelVariables")
-    sizes_first = sorted(table.variables, key=lambda v: v.causality != "structuralParameter")
-    for variable in sizes_first:  # some importers know no later dimension
-        attributes = _identity(variable) | _values(variable)
-        element = ET.SubElement(variables, variable.type, attributes)
-        sizes = [table[name] for name in variable.dimensions]
-        for size in sizes:
-            ET.SubElement(element, "Dimension", valueReference=str(size.reference))
-        if variable.start is not None:
-            count = math.prod(int(size.start or 0) for size in sizes)
-            element.set("start", " ".join([attributes["start"]] * count))
-    ET.SubElement(variables, "Float64", _time() | {"unit": "s"})
-    structure = ET.SubElement(root, "ModelStructure")
-    for name in ("Output", "InitialUnknown"):
-        for variable in table.group("output"):
-            attributes = {"valueReference": str(variable.reference)}
-            attributes["dependencies"] = _dependencies(table, variable, name != "Output")
-            ET.SubElement(structure, name, attributes)
-    return _to_bytes(root)
-
-
-def render_fmi2(table: Table, token: str, origin: Origin) -> bytes:
-    """`modelDescription.xml` of FMI 2.0.
-
-    Args:
-        table: the variables.
-        token: GUID that ties the description to its binary.
-        origin: whose work of which version the FMU is.
-    """
-    root = _root(table, origin, fmiVersion="2.0", guid=token)
-    capabilities = {
-        "modelIdentifier": table.name,
-        "canNotUseMemoryManagementFunctions": "true",
-        "canGetAndSetFMUstate": "true",
-        "canSerializeFMUstate": "true",
-        "canHandleVariableCommunicationStepSize": "true",
-    }
-    interface = ET.SubElement(root, "CoSimulation", capabilities)
-    listing = ET.SubElement(interface, "SourceFiles")
-    ET.SubElement(listing, "File", name=unit_file(table.name, "2"))
-    _add_units(root, table)
-    if enumerations := table.group("parameter", "Enumeration"):
-        definitions = ET.SubElement(root, "TypeDefinitions")
-        for variable in enumerations:
-            element = ET.SubElement(definitions, "SimpleType", name=_ENUMERATION)
-            _add_items(ET.SubElement(element, "Enumeration"), variable)
-    _add_frame(root)
-    # FMI 2 counts variables from 1, as the table's value references do; the time needs no variable.
-    variables = ET.SubElement(root, "ModelVariables")
-    for variable in table.variables:
-        scalar = ET.SubElement(variables, "ScalarVariable", _identity(variable))
-        ET.SubElement(scalar, variable.type.replace("Float64", "Real"), _values(variable))
-    structure = ET.SubElement(root, "ModelStructure")
-    for name in ("Outputs", "InitialUnknowns"):
-        listing = ET.SubElement(structure, name)
-        for variable in table.group("output"):
-            attributes = {"index": str(variable.reference)}
-            attributes["dependencies"] = _dependencies(table, variable, name != "Outputs")
-            ET.SubElement(listing, "Unknown", attributes)
-    return _to_bytes(root)
-
-
-def render_build_description(table: Table, fmi: Fmi) -> bytes:
-    """`buildDescription.xml`, by which importers compile the sources; FMI 2.0 takes FMI 3.0's.
-
-    Args:
-        table: the variables.
-        fmi: standard of the FMU.
-    """
-    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    definition = {
-        "name": PLAIN_NAMES[fmi],
-        "value": "1",
-        "optional": "true",
-        "description": f"for a shared library; without it {table.name}_ precedes every function",
-    }
-    build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=table.name)
-    options = {"compiler": "gcc", "compilerOptions": SAME_BITS}
-    files = ET.SubElement(build, "SourceFileSet", options, language="C11")
-    ET.SubElement(files, "SourceFile", name=unit_file(table.name, fmi))
-    ET.SubElement(files, "PreprocessorDefinition", definition)
-    return _to_bytes(root)
-
-
-def _root(table: Table, origin: Origin, **attributes: str) -> ET.Element:
-    return ET.Element(
-        "fmiModelDescription",
-        origin._asdict()
-        | {
-            "modelName": table.name,
-            "description": table.description,
-            "generationTool": "fmus.build",
-            "variableNamingConvention": "structured",
-        }
-        | attributes,
-    )
-
-
-def _add_units(root: ET.Element, table: Table) -> None:
-    definitions = ET.SubElement(root, "UnitDefinitions")
-    for unit in table.units:
-        element = ET.SubElement(definitions, "Unit", name=unit.name)
-        ET.SubElement(element, "BaseUnit", {k: str(v) for k, v in unit.base.items()})
-        for name, factor in unit.display.items():
-            ET.SubElement(element, "DisplayUnit", name=name, factor=repr(factor))
-
-
-def _add_items(element: ET.Element, variable: Variable) -> None:
-    for value, (name, description) in enumerate(variable.items, start=1):
-        ET.SubElement(element, "Item", name=name, value=str(value), description=description)
-
-
-def _add_frame(root: ET.Element) -> None:
-    categories = ET.SubElement(root, "LogCategories")
-    ET.SubElement(categories, "Category", name=LOG_CATEGORY, description="refused calls")
-    ET.SubElement(
-        root,
-        "DefaultExperiment",
-        startTime="0",
-        stopTime=repr(DEFAULT_STOP_S),
-        stepSize=repr(DEFAULT_STEP_S),
-    )
-
-
-def _time() -> dict[str, str]:
     return {
-        "name": "time",
-        "valueReference": str(TIME_REFERENCE),
-        "causality": "independent",
-        "variability": "continuous",
+        "version": project.version,
+        "author": re.sub(r"^Copyright \(c\) \d+ ", "", line),
+        "copyright": line,
+        "license": project.metadata["License-Expression"],
     }
 
 
-def _identity(variable: Variable) -> dict[str, str]:
-    attributes = {
-        "name": variable.name,
-        "valueReference": str(variable.reference),
-        "description": variable.description,
-        "causality": variable.causality,
-        "variability": _variability(variable),
-    }
-    if initial := _INITIAL.get(variable.causality):
-        attributes["initial"] = initial
-    return attributes
+def read_description(model: Model) -> ET.Element:
+    """Return the root of a model's hand-written description."""
+    return ET.fromstring(read_text(model, f"{model}.xml"))
 
 
-def _variability(variable: Variable) -> str:
-    if variable.causality in {"parameter", "structuralParameter"}:
-        return "tunable" if variable.tunable else "fixed"
-    return "continuous" if variable.type == "Float64" else "discrete"
+def variables_of(root: ET.Element) -> list[ET.Element]:
+    """Return the variables of a description but the time, in the order of their references."""
+    found = [v for v in root.iterfind("ModelVariables/*") if v.get("causality") != "independent"]
+    return sorted(found, key=lambda variable: int(variable.attrib["valueReference"]))
 
 
-def _values(variable: Variable) -> dict[str, str]:
-    attributes = {}
-    if variable.type == "Enumeration":
-        attributes |= {"declaredType": _ENUMERATION, "min": "1", "max": str(len(variable.items))}
-    if variable.unit is not None:
-        attributes["unit"] = variable.unit
-    if variable.display_unit is not None:
-        attributes["displayUnit"] = variable.display_unit
-    for name in ("min", "max", "nominal"):
-        if (value := getattr(variable, name)) is not None:
-            attributes[name] = repr(value)
-    if (start := variable.start) is not None:
-        attributes["start"] = str(start).lower() if isinstance(start, bool) else repr(start)
-    return attributes
+def start_of(variable: ET.Element) -> float:
+    """Return the start value of a variable, of its first element if it is an array."""
+    text = variable.get("start", "0").split()[0]
+    return float({"true": "1", "false": "0"}.get(text, text))
 
 
-def _dependencies(table: Table, variable: Variable, initial: bool) -> str:
-    names = (*variable.depends, *(variable.parameters if initial else ()))
-    return " ".join(map(str, sorted(table[name].reference for name in names)))
+def render_header(model: Model, token: str) -> str:
+    """Return `variables.h`: value references, start values and limits.
+
+    Args:
+        token: instantiation token that ties the binary to its model description.
+    """
+    variables = variables_of(read_description(model))
+
+    def of(causality: str, *types: str) -> list[ET.Element]:
+        wanted = types or ("Float64",)
+        return [v for v in variables if v.get("causality") == causality and v.tag in wanted]
+
+    def names(elements: list[ET.Element]) -> str:
+        return ", ".join(v.attrib["name"] for v in elements)
+
+    def array(name: str, values: list[float]) -> str:
+        numbers = [repr(value).replace("inf", "INFINITY") for value in values]
+        return f"static const double {name}[] = {{{', '.join(numbers)}}};"
+
+    inputs, parameters = of("input"), of("parameter")
+    structural = of("structuralParameter", "UInt64")
+    whole = [*of("parameter", "Boolean"), *of("parameter", "Enumeration"), *structural]
+    references = [f"VR_{v.attrib['name']} = {v.attrib['valueReference']}" for v in variables]
+    tunable = ", ".join(str(v.get("variability") == "tunable").lower() for v in parameters)
+    quoted = ", ".join(f'"{name}"' for name in ["time", *(v.attrib["name"] for v in variables)])
+    lines = [
+        f"/* Made from {model}.xml by fmus/description.py. */",
+        "#ifndef VARIABLES_H",
+        "#define VARIABLES_H",
+        f'#define INSTANTIATION_TOKEN "{token}"',
+        f"enum {{ {', '.join(['VR_time = 0', *references])} }};",
+        f"enum {{ VARIABLE_COUNT = {1 + len(variables)} }};",
+        *(
+            f"enum {{ {name}_FIRST = {group[0].attrib['valueReference']}, "
+            f"{name}_COUNT = {len(group)} }};"
+            for name, group in (("INPUT", inputs), ("PARAMETER", parameters))
+        ),
+        f"#define INPUT_FIELDS double {names(inputs)};",
+        f"#define PARAMETER_FIELDS double {names(parameters)};",
+        *(f"enum {{ START_{v.attrib['name']} = {start_of(v):.0f} }};" for v in whole),
+        *(
+            f"enum {{ LEAST_{v.attrib['name']} = {v.get('min')}, "
+            f"MOST_{v.attrib['name']} = {v.get('max')} }};"
+            for v in structural
+        ),
+        array("input_start", [start_of(v) for v in inputs]),
+        array("parameter_start", [start_of(v) for v in parameters]),
+        array("parameter_min", [float(v.get("min", "-inf")) for v in parameters]),
+        array("parameter_max", [float(v.get("max", "inf")) for v in parameters]),
+        f"static const bool parameter_tunable[] = {{{tunable}}};",
+        f"static const char *const variable_name[] = {{{quoted}}};",
+        "#endif",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def render_description(model: Model, fmi: Fmi, token: str) -> bytes:
+    """Return `modelDescription.xml`, with a token that ties it to its binary."""
+    root = read_description(model)
+    root.attrib.update(read_origin())
+    if fmi == "2":
+        _to_fmi2(root, model)
+    root.set("guid" if fmi == "2" else "instantiationToken", token)
+    return _to_bytes(root)
+
+
+def _to_fmi2(root: ET.Element, model: Model) -> None:
+    """Turn a description for FMI 3.0 without arrays into one for FMI 2.0.
+
+    FMI 2 counts variables from 1, as value references do; the time needs no variable.
+    """
+    root.set("fmiVersion", "2.0")
+    interface, variables = root.find("CoSimulation"), root.find("ModelVariables")
+    structure = root.find("ModelStructure")
+    assert interface is not None and variables is not None and structure is not None
+    interface.attrib = {
+        name.replace("FMUState", "FMUstate"): value for name, value in interface.items()
+    } | {"canNotUseMemoryManagementFunctions": "true"}
+    files = ET.SubElement(interface, "SourceFiles")
+    ET.SubElement(files, "File", name=unit_file(model, "2"))
+    for definition in root.iterfind("TypeDefinitions/EnumerationType"):
+        items = ET.Element("Enumeration")
+        items[:] = definition[:]
+        definition.tag, definition[:] = "SimpleType", [items]
+    scalars = []
+    for variable in variables_of(root):
+        shared = ("name", "valueReference", "description", "causality", "variability", "initial")
+        own = {name: value for name, value in variable.items() if name in shared}
+        scalars.append(ET.Element("ScalarVariable", own))
+        rest = {name: value for name, value in variable.items() if name not in shared}
+        ET.SubElement(scalars[-1], variable.tag.replace("Float64", "Real"), rest)
+    variables[:] = scalars
+    unknowns = []
+    for name, plural in (("Output", "Outputs"), ("InitialUnknown", "InitialUnknowns")):
+        unknowns.append(ET.Element(plural))
+        for unknown in structure.iterfind(name):
+            attributes = {"index": unknown.attrib["valueReference"]}
+            attributes["dependencies"] = unknown.attrib["dependencies"]
+            ET.SubElement(unknowns[-1], "Unknown", attributes)
+    structure[:] = unknowns
+
+
+def render_build_description(model: Model, fmi: Fmi) -> bytes:
+    """Return `buildDescription.xml`, by which importers compile the sources of either standard."""
+    text = Template(read_text(model, "buildDescription.xml"))
+    return text.substitute(
+        model=model, flag=SAME_BITS, file=unit_file(model, fmi), macro=PLAIN_NAMES[fmi]
+    ).encode()
 
 
 def _to_bytes(root: ET.Element) -> bytes:
-    """A document as a file's content, the same for equal documents."""
+    """Return a document as a file's content, the same for equal documents."""
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
-def render_html(table: Table) -> bytes:
-    """`documentation/index.html` of the archive.
-
-    Args:
-        table: the variables.
-    """
-    template = Template(read_text(table.name, "documentation.html"))
-    rows = "\n".join(_html_row(variable) for variable in table.variables)
-    values = {
-        "name": table.name,
-        "description": table.description,
-        "rows": rows,
-        "more": read_text(table.name, f"{table.name}.html"),
-    }
-    return template.substitute(values).encode()
-
-
-def _html_row(variable: Variable) -> str:
-    def limit(value: float | None) -> str:
-        return "" if value is None else f"{value:g}"
-
-    cells = (
-        variable.name,
-        variable.causality,
-        variable.unit or variable.type,
-        "" if variable.start is None else f"{variable.start}",
-        limit(variable.min),
-        limit(variable.max),
-        variable.description,
-    )
-    return "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + "</tr>"
+def render_html(model: Model) -> bytes:
+    """Return `documentation/index.html` of the archive."""
+    root, rows = read_description(model), []
+    for variable in variables_of(root):
+        get = variable.get
+        start = get("start", "").split()[:1]
+        cells = [get("name"), get("causality"), get("unit", variable.tag), *(start or [""])]
+        cells += [get("min", ""), get("max", ""), get("description")]
+        rows.append("".join(f"<td>{html.escape(str(cell))}</td>" for cell in cells))
+    template = Template(read_text(model, "documentation.html"))
+    return template.substitute(
+        name=model,
+        description=root.get("description"),
+        rows="\n".join(f"<tr>{row}</tr>" for row in rows),
+        more=read_text(model, f"{model}.html"),
+    ).encode()

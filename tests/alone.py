@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.coupling.parameters import with_motor
 from cosim.coupling.rl_step import Step, SupportsAct, decide
+from cosim.fmi.motor import with_motor
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.onboard.features import Observation

@@ -31,7 +31,7 @@ from agent.training.loop import learn
 from agent.training.methods import METHODS
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
-from cosim.calibration.cache import find_calibration
+from cosim.calibration.measuring import find_calibration
 from cosim.calibration.shielding import with_stopping_distance
 from cosim.coupling.rl_step import Step, SupportsAct
 from cosim.model.config import CoSimConfig

@@ -17,9 +17,9 @@ import pytest
 
 from agent.training.methods import method_config
 from cosim.base.storage import CACHE, PACKAGED, cache_dir
-from cosim.calibration.cache import calibrated_slower
+from cosim.calibration.measuring import calibrated_slower
 from cosim.calibration.shielding import with_stopping_distance
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD
 from cosim.model.scenario_file import find_scenario

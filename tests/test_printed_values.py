@@ -10,7 +10,7 @@ from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig
 from cosim.model.params import FIG_7, SPEED_NOISE, TABLE_I, TABLE_II, TIMING
 from cosim.model.scenario_file import PAPER, find_scenario
-from fmus.variables import load_table
+from tests.fmus.starts import motor_starts
 
 TABLE_1 = {
     "mass_kg": 0.1,
@@ -39,7 +39,7 @@ def test_tables_1_and_2():
     assert {name: getattr(TABLE_I, name) for name in TABLE_1} == TABLE_1
     assert TABLE_II._asdict() == TABLE_2
     assert (FIG_7.omega_des, FIG_7.d) == (700.0, 1e-6)
-    starts = {v.name: v.start for v in load_table().variables}
+    starts = motor_starts()
     assert {name: starts[name] for name in TABLE_2} == TABLE_2  # of the FMU
 
 

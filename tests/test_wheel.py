@@ -17,7 +17,7 @@ pytestmark = pytest.mark.long
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("fmus", "cosim", "agent", "analysis", "minirobots")
 DATA = {
-    "fmus/vibration_motor/variables.toml",
+    "fmus/vibration_motor/VibrationMotor.xml",
     "fmus/vibration_motor/motor.h",
     "fmus/vibration_motor/VibrationMotor.mo",
     "fmus/fmi/fmi3.c",

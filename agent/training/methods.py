@@ -41,7 +41,7 @@ from cosim.base.arguments import ConfigError, unknown
 from cosim.base.command import MotorParameters
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
-from cosim.calibration.cache import calibrated_slower
+from cosim.calibration.measuring import calibrated_slower
 from cosim.model.scenario import Scenario
 from cosim.simulation.options import DecisionOptions, Physics
 

@@ -10,7 +10,8 @@ from fmpy.fmi1 import FMICallException
 from fmpy.simulation import instantiate_fmu
 
 from cosim.base.arguments import ConfigError, require_one_of
-from cosim.coupling.fmu import FmuError, MotorFmu
+from cosim.fmi.fmu import FmuError
+from cosim.fmi.motor import MotorFmu
 from cosim.model.params import MotorParams
 
 _POSITIVE = ("K_T", "R", "J", "V_s_max")

@@ -15,7 +15,7 @@ import numpy as np
 from analysis.motor.instance import GivenMotor, responses
 from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.params import FIG_7, TIMING, MotorParams, motor_gain, motor_time_constant
 
 # A sine in steps: holding each value takes 4e-5 off its amplitude, and half a step of time. The

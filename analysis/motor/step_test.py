@@ -17,7 +17,7 @@ from analysis.motor.loop_options import StepTest
 from analysis.reading.motor_test import LOOPS, SIGNALS, Response
 from cosim.base.arguments import validate_unique
 from cosim.base.errors import UserError
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.params import MotorParams
 from cosim.recording.blueprint import plain_blueprint
 from cosim.recording.file import Recording, scalars, simulated

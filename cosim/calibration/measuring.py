@@ -1,23 +1,27 @@
-"""The trials of a calibration: single robots co-simulated at many motor speeds.
+"""Calibrations: trials of single robots at many motor speeds, found again in the cache.
 
-What the trials say is `cosim.calibration.speed_map`, where they are kept and used
-`cosim.calibration.cache`.
+What the trials say is `cosim.calibration.speed_map`; the command line is `minirobots calibrate`.
 """
 
+import functools
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from cosim.base.progress import Progress, silent
-from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration
+from cosim.base.provenance import digest_of
+from cosim.base.storage import cache_dir, cached
+from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration, load_calibration
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu, with_motor
 from cosim.model.config import CoSimConfig
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.physics.body_state import QUATERNION
+from fmus.build import identity_of_fmu
 
 VERSION = 1  # of calibrations: raise it when their bits change
 
@@ -45,45 +49,27 @@ class Point(NamedTuple):
 def points(config: CoSimConfig) -> list[Point]:
     """All trials of a calibration."""
     top = config.lift_off_rad_s
+    some, many = (
+        (2.0 * math.pi * np.arange(n) / n - math.pi).tolist() for n in (DITHERED_PHASES, PHASES)
+    )
     found: list[Point] = []
     for share in SPEEDS:
         speed = share * top
         for name, (d, e) in MANOEUVRES.items():
-            phases = _phases(DITHERED_PHASES)
-            found += [Point(d * speed, e * speed, phase, True) for phase in phases]
+            found += [Point(d * speed, e * speed, phase, True) for phase in some]
             # Without dither, by symmetry, one drive and one turn: what the phase does.
             if name in ("forwards", "left") and share in PHASE_SPEEDS:
-                phases = _phases(PHASES)
-                found += [Point(d * speed, e * speed, phase, False) for phase in phases]
+                found += [Point(d * speed, e * speed, phase, False) for phase in many]
             if name in DRIVES and speed + max(DIFFERENCES_RAD_S) < top:
-                found += [
-                    Point(change + d * speed, change + e * speed, 0.0, True)
-                    for change in DIFFERENCES_RAD_S
-                ]
+                speeds = ((c + d * speed, c + e * speed) for c in DIFFERENCES_RAD_S)
+                found += [Point(*pair, 0.0, True) for pair in speeds]
     return found
 
 
-def _phases(count: int) -> list[float]:
-    return (2.0 * math.pi * np.arange(count) / count - math.pi).tolist()
-
-
 def measure(
-    config: CoSimConfig,
-    motor_fmu: Path,
-    jobs: int = 2,
-    progress: Progress = silent,
+    config: CoSimConfig, motor_fmu: Path, jobs: int = 2, progress: Progress = silent
 ) -> Calibration:
-    """Co-simulate all trials.
-
-    Args:
-        config: of the co-simulation; its motor speeds and desired speeds do not matter.
-        motor_fmu: of every motor.
-        jobs: threads; the result does not depend on it.
-        progress: receives the trials done.
-
-    Raises:
-        FmuError: the FMU cannot be used, or failed.
-    """
+    """Co-simulate all trials, in some threads; `config`'s motor and drive speeds do not matter."""
     todo, fmu = points(config), MotorFmu(motor_fmu)
     batches = [todo[k : k + BATCH] for k in range(0, len(todo), BATCH)]
     rows: list[np.ndarray] = []
@@ -92,9 +78,8 @@ def measure(
     with ThreadPoolExecutor(jobs) as threads:
         seeds = (np.random.SeedSequence(0, spawn_key=(k,)) for k in range(len(batches)))
         try:
-            for result in threads.map(
-                lambda b, s: measure_batch(config, fmu, b, s), batches, seeds
-            ):
+            one = functools.partial(measure_batch, config, fmu)
+            for result in threads.map(one, batches, seeds):
                 rows += list(result)
                 progress(task, len(rows), len(todo))
         except BaseException:
@@ -114,20 +99,11 @@ def measure(
 def measure_batch(
     config: CoSimConfig, fmu: MotorFmu, batch: list[Point], seed: np.random.SeedSequence
 ) -> np.ndarray:
-    """Trials co-simulated together.
-
-    Args:
-        config: of the co-simulation.
-        fmu: of every motor.
-        batch: what the trials command.
-        seed: of the noise.
+    """Co-simulate trials together.
 
     Returns:
         (trials, 7): mean ω_D and ω_E in rad/s, speed along the heading and to its left in m/s, yaw
         rate in rad/s, shares of the time without any foot on the floor and with a foot off it.
-
-    Raises:
-        FmuError: the FMU failed.
     """
     set_points = np.array([(p.omega_d, p.omega_e) for p in batch])
     dither = config.steering.dither_rad_s * np.array([p.dithered for p in batch])
@@ -136,7 +112,8 @@ def measure_batch(
     unequal = np.column_stack([-direction, np.ones(len(batch))])
     period_s = config.timing.control_period_s
     settle = math.ceil(SETTLE_S / period_s)
-    half = math.ceil(_half_round_s(config) / period_s)
+    rate = 2.0 * config.steering.dither_rad_s  # at which it changes the phase
+    half = math.ceil((2.0 * math.pi / rate if rate > 0.0 else 0.5 * UNDITHERED_ROUND_S) / period_s)
     with Trial(fmu, config, np.zeros(len(batch)), seed) as trial:
         commands = trial.commands
         commands[:, MODE] = DIRECT
@@ -173,7 +150,67 @@ def measure_batch(
     )
 
 
-def _half_round_s(config: CoSimConfig) -> float:
-    """Time in which the dither takes the phase once around."""
-    rate = 2.0 * config.steering.dither_rad_s
-    return 2.0 * math.pi / rate if rate > 0.0 else UNDITHERED_ROUND_S / 2.0
+def digest(config: CoSimConfig, motor_fmu: Path) -> str:
+    """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise."""
+    timing = config.timing
+    clock = (timing.dt_s, timing.communication_step_s, timing.control_period_s)
+    further = [given for given in config.motor_parameters if given[0] not in config.motor._fields]
+    return digest_of(
+        config.robot,
+        config.motor,
+        config.noise,
+        clock,
+        config.steering.dither_rad_s,
+        config.reaction,
+        (config.world.restitution or 0.0, config.world.payload_g, config.world.payload_offset_mm),
+        identity_of_fmu(motor_fmu),
+        VERSION,
+        *([further] if further else []),
+    )
+
+
+def find_calibration(
+    config: CoSimConfig,
+    motor_fmu: Path,
+    progress: Progress = silent,
+    *,
+    jobs: int = 2,
+    again: bool = False,
+) -> Calibration:
+    """The calibration of a configuration: found in the cache, or measured and kept there.
+
+    Args:
+        jobs: threads, on which no bit depends.
+        again: measure even if the calibration is there.
+    """
+    config = replace(config, open_loop=())  # speeds are those of motors under control
+    MotorFmu(motor_fmu)  # a missing or foreign file is named before anything is hashed
+    path = cache_dir("calibrations") / f"{digest(config, motor_fmu)}.npz"
+    make = functools.partial(measure, config, motor_fmu, jobs, progress)
+    return cached(path, load_calibration, make, Calibration.save, again=again)
+
+
+def calibrated_slower(
+    config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
+) -> CoSimConfig:
+    """Return a configuration as `calibrated` does, at most at the largest speed without hopping.
+
+    Raises a UserError where the robots do not move.
+    """
+    config = with_motor(config, motor_fmu)
+    calibration = find_calibration(config, motor_fmu, progress)
+    speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
+    calibration.require_motion(config.robot.mu)
+    if min(speeds) < config.steering.drive_speed_m_s:
+        source = "computed: the largest speed without hopping"
+        config = config.having(source, drive_speed_m_s=min(speeds))
+    return calibration.resolved(config)
+
+
+def calibrated(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
+    """The configuration with the motor speeds that realise its drive speed and turn rate.
+
+    Raises a UserError where the drive speed needs hopping.
+    """
+    config = with_motor(config, motor_fmu)
+    return find_calibration(config, motor_fmu, progress).resolved(config)

@@ -1,6 +1,7 @@
 """Report of a calibration: numbers for a file and a plot."""
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -8,34 +9,28 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cosim.base.plotting import BLUE, GREEN, PURPLE, VERMILION, styled
-from cosim.calibration.cache import digest
+from cosim.calibration.measuring import digest
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING
 
 _COLOURS = {"forwards": BLUE, "backwards": VERMILION, "left": GREEN, "right": PURPLE}
+DITHERS = ((True, ""), (False, "without dither"))
 
 
 class CalibrationReport(msgspec.Struct, frozen=True, kw_only=True):
-    """The content of calibration.json; units in the names.
-
-    Attributes:
-        digest: of what the calibration depends on.
-        mu: friction coefficient.
-        trials: how many were simulated.
-        hop_free_rad_s: largest motor speed without hopping.
-        largest_speed_m_s, largest_turn_rate_rad_s: in both directions, without hopping.
-        curves: by manoeuvre, with and without the steering's dither: motor speeds, mean and scatter
-            of the speed or yaw rate, share of the time in the air.
-    """
+    """The content of calibration.json; units in the names."""
 
     schema_version: int = 1
-    digest: str
+    digest: str  # of what the calibration depends on
     mu: float
-    trials: int
+    trials: int  # how many were simulated
+    # In both directions, without hopping
     hop_free_rad_s: float
     largest_speed_m_s: float
     largest_turn_rate_rad_s: float
+    # By manoeuvre, with and without the steering's dither: motor speeds, mean and scatter of the
+    # speed or yaw rate, share of the time in the air
     curves: dict[str, dict[str, list[float]]]
 
 
@@ -44,16 +39,13 @@ def report_of(calibration: Calibration, config: CoSimConfig, motor_fmu: Path) ->
     curves = {}
     for manoeuvre in MANOEUVRES:
         unit = "m_s" if manoeuvre in DRIVES else "rad_s"
-        for dithered in (True, False):
+        names = ("motor_speed_rad_s", f"mean_{unit}", f"scatter_{unit}", "airborne_share")
+        for dithered, suffix in DITHERS:
             curve = calibration.curve(manoeuvre, dithered=dithered)
-            name = manoeuvre if dithered else f"{manoeuvre}_without_dither"
+            name = "_".join(f"{manoeuvre} {suffix}".split())
             if len(curve.omega_rad_s):
-                curves[name] = {
-                    "motor_speed_rad_s": curve.omega_rad_s.tolist(),
-                    f"mean_{unit}": curve.mean.tolist(),
-                    f"scatter_{unit}": curve.scatter.tolist(),
-                    "airborne_share": curve.airborne_share.tolist(),
-                }
+                values = curve.omega_rad_s, curve.mean, curve.scatter, curve.airborne_share
+                curves[name] = {n: v.tolist() for n, v in zip(names, values, strict=True)}
     return CalibrationReport(
         digest=digest(config, motor_fmu),
         mu=config.robot.mu,
@@ -73,20 +65,15 @@ def draw(calibration: Calibration, title: str) -> Figure:
     figure.suptitle(title)
     for manoeuvre in MANOEUVRES:
         axes, factor = (speeds, 1e3) if manoeuvre in DRIVES else (rates, np.rad2deg(1.0))
-        for dithered in (True, False):
+        for dithered, suffix in DITHERS:
             curve = calibration.curve(manoeuvre, dithered=dithered)
             if not len(curve.omega_rad_s):
                 continue
-            label = manoeuvre if dithered else f"{manoeuvre}, without dither"
-            style = {"capsize": 3.0} if dithered else {"linestyle": "--", "alpha": 0.6}
-            axes.errorbar(
-                curve.omega_rad_s,
-                factor * curve.mean,
-                factor * curve.scatter,
-                color=_COLOURS[manoeuvre],
-                label=label,
-                **style,
-            )
+            style: Any = {"capsize": 3.0} if dithered else {"linestyle": "--", "alpha": 0.6}
+            style |= {"color": _COLOURS[manoeuvre]}
+            style["label"] = f"{manoeuvre}, {suffix}" if suffix else manoeuvre
+            y, error = factor * curve.mean, factor * curve.scatter
+            axes.errorbar(curve.omega_rad_s, y, error, **style)
     for axes, name in ((speeds, "speed, mm/s"), (rates, "yaw rate, °/s")):
         axes.axvline(calibration.hop_free_rad_s, color="0.5", linestyle=":", label="hops above")
         axes.set(xlabel="motor speed, rad/s", ylabel=name)
@@ -105,13 +92,9 @@ def _draw_differences(axes: Axes, calibration: Calibration) -> None:
         slow, *_, fast = np.unique(np.abs(base[differs]))
         for speed, style in ((fast, "o-"), (slow, "x--")):
             chosen = differs & (np.abs(base) == speed)
-            axes.plot(
-                added[chosen],
-                np.rad2deg(calibration.yaw_rate_rad_s[chosen]),
-                style,
-                color=_COLOURS[manoeuvre],
-                label=f"{manoeuvre}, {speed:.0f} rad/s",
-            )
+            how: Any = {"color": _COLOURS[manoeuvre], "label": f"{manoeuvre}, {speed:.0f} rad/s"}
+            rate = np.rad2deg(calibration.yaw_rate_rad_s[chosen])
+            axes.plot(added[chosen], rate, style, **how)
     axes.set(xlabel="speed added to both motors, rad/s", ylabel="yaw rate, °/s")
     axes.legend()
 
@@ -125,16 +108,12 @@ def _draw_phases(axes: Axes, calibration: Calibration) -> None:
         for dithered, style in ((True, "o-"), (False, "x--")):
             set_points = calibration.set_points_rad_s == nearest * np.array([d, e])
             chosen = set_points.all(axis=1) & (calibration.dithered == dithered)
-            axes.plot(
-                np.rad2deg(calibration.phase_rad[chosen]),
-                np.rad2deg(calibration.yaw_rate_rad_s[chosen]),
-                style,
-                color=_COLOURS[manoeuvre],
-                label=f"{manoeuvre}, {'with' if dithered else 'without'} dither",
-            )
-    axes.set(
-        xlabel=f"initial phase between the motors, ° ({nearest:.0f} rad/s)", ylabel="yaw rate, °/s"
-    )
+            label = f"{manoeuvre}, {'with' if dithered else 'without'} dither"
+            phase = np.rad2deg(calibration.phase_rad[chosen])
+            rate = np.rad2deg(calibration.yaw_rate_rad_s[chosen])
+            axes.plot(phase, rate, style, color=_COLOURS[manoeuvre], label=label)
+    axes.set_xlabel(f"initial phase between the motors, ° ({nearest:.0f} rad/s)")
+    axes.set_ylabel("yaw rate, °/s")
     axes.legend()
 
 
@@ -146,13 +125,6 @@ def manoeuvre_rows(calibration: Calibration) -> list[tuple[str, ...]]:
         factor, unit = (1e3, "mm/s") if manoeuvre in DRIVES else (np.rad2deg(1.0), "°/s")
         columns = (curve.omega_rad_s, curve.mean, curve.scatter, curve.airborne_share)
         for omega, mean, scatter, airborne in zip(*columns, strict=True):
-            rows.append(
-                (
-                    manoeuvre,
-                    f"{omega:.0f} rad/s",
-                    f"{factor * mean:.2f} {unit}",
-                    f"{factor * scatter:.2f}",
-                    f"{airborne:.2%}",
-                )
-            )
+            speeds = f"{omega:.0f} rad/s", f"{factor * mean:.2f} {unit}", f"{factor * scatter:.2f}"
+            rows.append((manoeuvre, *speeds, f"{airborne:.2%}"))
     return rows

@@ -1,29 +1,148 @@
-"""Configurations with the shield: what it keeps is measured for their machine and world, once."""
+"""Configurations with the shield: what it keeps is measured for their machine and world, once.
+
+The shield's margin follows from measured stopping distances (docs/shield.md): robots drive every
+which way, motors at speeds up to the largest that the steering asks for, changed at random times,
+and are stopped at random times. Where there is a camera, so is the error of its estimates.
+"""
 
 import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
+import numpy as np
+from scipy.stats import chi2
 
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, write_json
-from cosim.calibration.stopping import RESERVE, SLIDES, stopping_distance
 from cosim.calibration.straying import best_filter
-from cosim.coupling.fmu import MotorFmu
+from cosim.calibration.trial import corners, trial_in_world
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import ESTIMATOR, SHIELD, TIMING
 from cosim.model.preset import PAPER
 from cosim.model.world import World
 from cosim.onboard.shield import stopping_gap
+from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
+from cosim.physics.body_state import PLANE
 from fmus.build import identity_of_fmu
 
 VERSION = 1  # of stopping distances and errors of estimates: raise it when their bits change
 MOST_GAP = 0.5  # assumed: of the robots' diameter; with more there is no way past each other
 _FLOOR = ("motor_spread", "restitution", "floor_tilt_deg", "payload_g", "payload_offset_mm")
+ROBOTS, TRIALS, ROUNDS = 64, 4, 8  # 2048 stops
+EXCEEDED, CONFIDENCE = 1e-5, 0.99  # share of the stops that come further, and how sure that is
+_TAIL = 0.05  # share of the stops that the bound is extrapolated from
+RESERVE = 1.25  # assumed: over that bound, for motion that was not measured
+REST_S = 0.1
+_DRIVE_S, _CHANGE_S, _TICKS_S, _HELD_S = (0.05, 0.4), 0.2, 0.05, 0.25
+_BOUNCING_S = 10.0  # assumed: feet bounce as high as they ever do after this time at one speed
+_OPEN_LOOP = 4.0  # times as long, because these motors take as long to speed up and down
+_WIDTHS = 32  # directions in which a path is measured
+SLIDES = (
+    "robots that are stopped slide {} in this world; leave out --shield, or make the floor less "
+    "steep or less slippery"
+)
+
+
+class Stops(NamedTuple):
+    """Stops of N robots, n of each."""
+
+    path_m: np.ndarray  # (N, n) diameter of the path from the look before the stop until rest
+    rest_s: np.ndarray  # (N, n) time after which a robot moved less than a micrometre
+    creep_m_s: np.ndarray  # (N,) mean speed of a robot that is held after the last stop
+
+
+def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -> Stops:
+    """Measure how far robots come from one look until they rest, if the next look stops them.
+
+    Motor spread and slope are drawn from the configuration's world. Where it has patches, up to
+    four of their friction coefficients meet near every robot.
+    """
+    rng, sequence = np.random.default_rng(seed), np.random.SeedSequence(seed)
+    period_s, steering = config.timing.control_period_s, config.steering
+    speeds = steering.turn_speed_rad_s, steering.forward_speed_rad_s, steering.backward_speed_rad_s
+    largest = max(steering.max_speed_rad_s, *speeds) + steering.dither_rad_s
+    headings = rng.uniform(-np.pi, np.pi, robots)
+    periods_of_ticks, slower = round(_TICKS_S / period_s), _slower(config)
+    with trial_in_world(fmu, config, headings, sequence) as trial:
+        trial.lay(corners(config, trial.origins_m, rng))
+        first, rest = (trial.ticks(n * config.ticks_per_period) for n in (1, periods_of_ticks))
+        path_m, rest_s = np.zeros((2, robots, ROUNDS))
+        for stop in range(ROUNDS):
+            kind = rng.integers(4, size=robots)[:, None]
+            trial.commands[:, MODE] = DIRECT
+            steady_s = _BOUNCING_S if config.world.restitution and stop == 0 else 0.0
+            left = round((slower * rng.uniform(*_DRIVE_S) + steady_s) / period_s)
+            before = trial.bodies[PLANE].T.copy()
+            while left > 0:
+                # Any two speeds; driving; turning; the largest speeds.
+                speeds = rng.uniform(-largest, largest, (robots, 2))
+                sign = rng.choice([-1.0, 1.0], (robots, 1))
+                fast = sign * rng.uniform(0.7, 1.0, (robots, 1)) * largest
+                choices = [fast * [-1.0, 1.0], fast * [1.0, 1.0], np.sign(speeds) * largest]
+                for number, chosen in enumerate(choices, 1):
+                    speeds = np.where(kind == number, chosen, speeds)
+                trial.commands[:, OMEGA_D], trial.commands[:, OMEGA_E] = speeds.T
+                same_s = slower * rng.uniform(0.0, _CHANGE_S) + steady_s
+                periods = min(left, 1 + round(same_s / period_s))
+                left, steady_s = left - periods, 0.0
+                if periods > 1:
+                    trial.advance(periods - 1)
+                before = trial.bodies[PLANE].T.copy()
+                trial.advance(1, first)
+            trial.commands[:, MODE] = HOLD
+            at = trial.advance(round(slower * REST_S / period_s), rest).position[:, :, :2]
+            ticks = [raw.position[:, :robots, :2] for raw in (first, rest)]
+            path_m[:, stop] = path_diameter(np.concatenate([before[None], *ticks, at]))
+            restless = np.hypot(*(at - at[-1]).transpose(2, 0, 1)) > 1e-6
+            rest_s[:, stop] = period_s * restless.sum(axis=0)
+        held = trial.advance(round(_HELD_S / period_s)).position[[0, -1], :, :2]
+    return Stops(path_m, rest_s, np.hypot(*(held[1] - held[0]).T) / _HELD_S)
+
+
+def _slower(config: CoSimConfig) -> float:
+    return _OPEN_LOOP if "motors" in config.open_loop else 1.0
+
+
+def path_diameter(path: np.ndarray) -> np.ndarray:
+    """Return an upper bound (N,) on the diameter of paths (n, N, 2), at most 0.2 % above it."""
+    angles = np.pi * np.arange(_WIDTHS) / _WIDTHS
+    widths = [np.ptp(path @ (np.cos(a), np.sin(a)), axis=0) for a in angles]
+    return np.max(widths, axis=0) / math.cos(0.5 * np.pi / _WIDTHS)
+
+
+def bound_of(path_m: np.ndarray) -> float:
+    """Return the length that at most EXCEEDED of all stops exceed, with CONFIDENCE.
+
+    An exponential tail, with the upper limit of its mean, is fitted to how far the longest paths
+    exceed a threshold. Measured tails end earlier (docs/shield.md), which makes the bound larger
+    than it needs to be.
+
+    Args:
+        path_m: (N, n) of N robots; the number of robots in the tail limits how sure its mean is.
+    """
+    paths = np.sort(path_m, axis=None)
+    longest = round(_TAIL * len(paths))
+    threshold = paths[-longest - 1]
+    robots = max(1, np.count_nonzero((path_m > threshold).any(axis=1)))
+    excess = paths[-longest:] - threshold
+    tail = max(excess.mean(), excess.std()) * 2.0 * robots
+    tail /= chi2.ppf(1.0 - CONFIDENCE, 2 * robots)
+    return float(threshold + tail * math.log(_TAIL / EXCEEDED))
+
+
+def stopping_distance(config: CoSimConfig, fmu: MotorFmu) -> tuple[float, float]:
+    """Return the bound on the stopping distance in m, and the creep of held robots in m/s."""
+    found = [stopping_paths(config, fmu, ROBOTS, seed) for seed in range(TRIALS)]
+    if max(stops.rest_s.max() for stops in found) > 0.9 * _slower(config) * REST_S:
+        raise UserError(SLIDES.format("on"))
+    bound_m = bound_of(np.concatenate([stops.path_m for stops in found]))
+    return bound_m, float(max(stops.creep_m_s.max() for stops in found))
 
 
 def _reduced(config: CoSimConfig, *fields: str) -> CoSimConfig:
@@ -72,7 +191,6 @@ def with_stopping_distance(
     Raises:
         UserError: robots do not come to rest, or estimates are so bad that robots would
             stop too far from each other.
-        FmuError: the FMU cannot be used, or failed.
     """
     world, shield = config.world, config.shield or SHIELD
     least_mu = min([config.robot.mu, *(patch.mu for patch in world.mu_patches)])

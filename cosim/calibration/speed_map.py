@@ -1,6 +1,6 @@
 """The map between motor speeds and the robot's motion: trials, curves, inverse, refusal.
 
-A record that can be kept in a file and asked; `cosim.calibration.cache` makes it.
+A record that can be kept in a file and asked; `cosim.calibration.measuring` makes it.
 """
 
 from dataclasses import asdict, dataclass, fields
@@ -79,9 +79,6 @@ class Calibration:
 
         Robots hop where no foot is on the floor, ever; for more than BOUNCING_SHARE of the time
         where feet bounce.
-
-        Raises:
-            UserError: they hop at every speed.
         """
         share = BOUNCING_SHARE if self.restitution > 0.0 else 0.0
         return min(_hop_free(self.curve(manoeuvre), share) for manoeuvre in MANOEUVRES)
@@ -194,10 +191,6 @@ def _hop_free(curve: Curve, share: float) -> float:
 
 
 def load_calibration(path: Path) -> Calibration:
-    """Trials of a file.
-
-    Raises:
-        UserError: it is missing or damaged.
-    """
+    """Trials of a file."""
     kind = Kind("calibration", "make it with `minirobots calibrate`")
     return Calibration(**read_arrays(path, kind, [field.name for field in fields(Calibration)]))

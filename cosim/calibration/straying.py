@@ -14,12 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import kernel
-from cosim.calibration.stopping import corners
-from cosim.calibration.trial import Trial, heading_angles
-from cosim.coupling.fmu import MotorFmu
+from cosim.calibration.trial import corners, heading_angles, trial_in_world
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import EstimatorParams
-from cosim.model.world import CAMERA_CHILD, draw_world, generator
+from cosim.model.world import CAMERA_CHILD, generator
 from cosim.onboard.camera import (
     FRAME_SIZE,
     NOISE,
@@ -33,7 +32,6 @@ from cosim.onboard.estimation import ESTIMATE_SIZE, ODOMETRY, POSE
 from cosim.onboard.shield import variance_of
 from cosim.onboard.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START, THROUGH
 from cosim.physics.body_state import PLANE
-from cosim.physics.properties import gravity
 
 ROBOTS, LENGTH_S = 48, 12.0
 RESERVE = 1.25  # assumed: over the largest bias that was measured
@@ -59,15 +57,13 @@ def drive_about(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -> T
     """Simulate robots on an endless floor that drive lines, half of them always the same way."""
     rng, sequence = np.random.default_rng(seed), np.random.SeedSequence(seed)
     period_s, sensor = config.timing.control_period_s, config.world.camera
-    drawn = draw_world(config.world, config.motor, robots, sequence)
-    slope = gravity(config.world, drawn, config.motor.g, config.portable)
     headings = rng.uniform(-np.pi, np.pi, robots)
     frames = frames_within(sensor, LENGTH_S)
     of_each = [generator(sequence, CAMERA_CHILD + robot) for robot in range(robots)]
     sight = np.stack([draw_sight(sensor, own, frames) for own in of_each], axis=1)
     usual, same = rng.uniform(-np.pi, np.pi, robots), rng.random(robots) < 0.5
     until = np.zeros(robots)
-    with Trial(fmu, config, headings, sequence, drawn.motors, slope, sight) as trial:
+    with trial_in_world(fmu, config, headings, sequence, sight) as trial:
         trial.lay(corners(config, trial.origins_m, rng))
         trial.commands[:, THROUGH] = rng.random(robots) < 0.5
         poses = [np.concatenate([trial.bodies[PLANE], headings[None]]).T[None]]

@@ -9,14 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cosim.coupling.assembly import (
-    Motors,
-    SpeedNoise,
-    check_motors,
-    new_plant,
-    robot_properties,
-)
-from cosim.coupling.fmu import MotorFmu
+from cosim.coupling.assembly import Motors, SpeedNoise, check_motors, new_plant, robot_properties
 from cosim.coupling.master import CompiledDriver
 from cosim.coupling.signals import (
     RawSamples,
@@ -27,16 +20,20 @@ from cosim.coupling.signals import (
     new_state,
     with_room,
 )
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import MotorParams
+from cosim.model.world import draw_world
 from cosim.onboard.camera import NOISE, camera_of, frames_in_flight
 from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
+from cosim.physics.properties import gravity
 from cosim.physics.rotation import Vector, headings
 
 # Robots never meet: a trial takes minutes at some mm/s. Coordinates stay small enough for a
 # rounding error of a femtometre, which is that of a board.
 SPACING_M = 1.0
+_CORNER_M = 0.03
 
 
 class Trial:
@@ -63,17 +60,12 @@ class Trial:
         """Put the robots on the floor.
 
         Args:
-            motor_fmu: of every motor.
-            config: all parameters.
             headings_rad: (N,) counter-clockwise from +x.
             seed: of the speed noise; every motor gets a child of its own.
             motors: (N,) D and E of each robot; default the configuration's.
             gravity: in the frame of the floor, m/s²; default that of a level one.
             sight: (M, N, NOISE) frames of the world's camera, see `cosim.onboard.camera`; default
                 no camera, so that poses are known exactly.
-
-        Raises:
-            FmuError: the FMU lacks a capability, refuses to load or to be initialised.
         """
         n, lanes = len(headings_rad), host_lanes()
         columns = columns_of(n, lanes)
@@ -126,12 +118,7 @@ class Trial:
     def advance(self, periods: int, ticks: RawSamples | None = None) -> Samples:
         """Simulate some control periods, and return the samples at their ends.
 
-        Args:
-            periods: their number.
-            ticks: room for the first ticks, of all columns; written.
-
-        Raises:
-            FmuError: an FMU failed; names the instance and the time.
+        `ticks` is room for the first ticks, of all columns.
         """
         n, columns = len(self.origins_m), self._state.bodies.shape[1]
         samples = new_samples(periods, columns)
@@ -141,6 +128,38 @@ class Trial:
         self._driver.advance(self._plant, self._state, noise, samples, raw)
         self._tick += periods * self._config.ticks_per_period
         return Samples(*(signal[:, :n] for signal in samples))
+
+
+def trial_in_world(
+    motor_fmu: MotorFmu,
+    config: CoSimConfig,
+    headings_rad: np.ndarray,
+    seed: np.random.SeedSequence,
+    sight: np.ndarray | None = None,
+) -> Trial:
+    """Return a trial with motors and slope drawn from the configuration's world."""
+    drawn = draw_world(config.world, config.motor, len(headings_rad), seed)
+    slope = gravity(config.world, drawn, config.motor.g, config.portable)
+    return Trial(motor_fmu, config, headings_rad, seed, drawn.motors, slope, sight)
+
+
+def corners(config: CoSimConfig, origins_m: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return a floor (N, P, 5) of its own for each robot, see `State.patches`.
+
+    Where the world has patches, four of their friction coefficients meet at a corner under the
+    robot's feet, or close to them; the extremes are as frequent as all others together.
+    """
+    floors = [config.robot.mu, *(patch.mu for patch in config.world.mu_patches)]
+    if len(floors) == 1:
+        return np.empty((len(origins_m), 0, 5))
+    pool = [*floors, *(len(floors) // 2 * [min(floors), max(floors)])]
+    patches = np.empty((len(origins_m), 4, 5))
+    x, y = (origins_m + rng.uniform(-_CORNER_M, _CORNER_M, origins_m.shape)).T
+    far = np.full(len(x), np.inf)
+    quadrants = (-far, -far, x, y), (x, -far, far, y), (-far, y, x, far), (x, y, far, far)
+    patches[:, :, :4] = np.array(quadrants).transpose(2, 0, 1)
+    patches[:, :, 4] = rng.choice(pool, (len(x), 4))
+    return patches
 
 
 def heading_angles(quaternions: np.ndarray) -> np.ndarray:

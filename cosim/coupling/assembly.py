@@ -10,19 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from cosim.coupling.calls import Calls
-from cosim.coupling.fmu import (
-    INPUTS,
-    OUTPUTS,
-    PHASE,
-    SAMPLED,
-    FmuError,
-    Motor,
-    MotorFmu,
-    Sampling,
-)
 from cosim.coupling.plant import Plant
-from cosim.fmi.abi import FMI_ERROR
+from cosim.fmi.calls import FMI_ERROR, Addresses, Calls
+from cosim.fmi.fmu import FmuError
+from cosim.fmi.motor import INPUTS, PHASE, SAMPLED, Motor, MotorFmu
 from cosim.model.config import CoSimConfig, whole_ratio
 from cosim.model.params import SHIELD, TABLE_II, MotorParams, open_loop_voltage
 from cosim.model.world import generator
@@ -74,7 +65,6 @@ def robot_properties(
     """Return the properties of a robot in its world: its column of `State.properties`.
 
     Args:
-        config: robot and world.
         gravity: in the frame of the floor, m/s²; default that of a level one.
         motors: D and E; default the configuration's.
     """
@@ -88,46 +78,33 @@ def robot_properties(
 
 
 def check_motors(fmu: MotorFmu, config: CoSimConfig, robots: int) -> None:
-    """Refuse an FMU without a capability that a run needs.
-
-    Args:
-        fmu: of every motor.
-        config: all parameters.
-        robots: their number.
+    """Refuse an FMU without a capability that a run of some robots needs.
 
     Raises:
         FmuError: it lacks a capability.
         ConfigError: its internal step does not divide the communication step.
     """
     motors, can = robots * len(MOTOR_NAMES), fmu.interface
-    said = f"motor FMU {fmu.path}"
     if motors > 1 and can.canBeInstantiatedOnlyOncePerProcess:
-        raise FmuError(
-            f"{said} has canBeInstantiatedOnlyOncePerProcess, and {motors} motors are needed at "
-            "once; export it without"
+        raise fmu.refusal(
+            f"has canBeInstantiatedOnlyOncePerProcess, and {motors} motors are needed at once; "
+            "export it without"
         )
     if can.fixedInternalStepSize is not None:
-        internal_s = float(can.fixedInternalStepSize)  # fmpy leaves the text
+        internal_s, name = float(can.fixedInternalStepSize), "fixedInternalStepSize"
         if not internal_s > 0.0:
-            raise FmuError(
-                f"{said} has fixedInternalStepSize = {internal_s:g}; export it with a positive one"
-            )
+            raise fmu.refusal(f"has {name} = {internal_s:g}; export it with a positive one")
         step_s = config.timing.communication_step_s
-        whole_ratio("communication_step_s", step_s, f"fixedInternalStepSize of {said}", internal_s)
+        whole_ratio("communication_step_s", step_s, f"{name} of motor FMU {fmu.path}", internal_s)
 
 
 def why_not_fmpy(fmu: MotorFmu, config: CoSimConfig) -> str | None:
-    """Return why motors cannot be stepped once per control period; None if they can.
-
-    Args:
-        fmu: of every motor.
-        config: all parameters.
-    """
+    """Return why motors cannot be stepped once per control period; None if they can."""
     if config.reaction:
         return "with --reaction motors and bodies act on each other in every communication step"
     if not fmu.samples:
         return f"motor FMU {fmu.path} has no {', '.join(SAMPLED)} for it"
-    step_s, internal_s = config.timing.communication_step_s, fmu.internal_step_s() or math.inf
+    step_s, internal_s = config.timing.communication_step_s, fmu.internal_step_s or math.inf
     if step_s > internal_s and abs(math.remainder(step_s / internal_s, 1.0)) > 1e-6:
         return (
             f"its communication step {step_s:g} s is not a multiple of step_size = {internal_s:g} s"
@@ -143,7 +120,10 @@ class Motors:
     """The motors of all robots: an FMU instance each, or one instance with all of them as arrays.
 
     Signals are arrays (6, B), or (8, B), see `cosim.coupling.signals.State`. No motor is there
-    before its robot's first `restart`.
+    before its robot's first `restart`. An FMU that fails raises an FmuError with instance and time.
+
+    Attributes:
+        calls: what compiled code needs to reach the instances.
     """
 
     def __init__(
@@ -152,9 +132,6 @@ class Motors:
         """Prepare the motors of some columns, with the parameters of a configuration.
 
         Args:
-            fmu: of every motor.
-            config: all parameters.
-            columns: of the robots.
             sampled: whether the FMU is stepped by whole control periods, and returns samples
                 at the ends of the communication steps in them.
 
@@ -167,9 +144,8 @@ class Motors:
         self._usual = config.motor
         own = config.motor if config.motor_fmu else TABLE_II  # what the FMU has without a word
         self._parameters = _differences(config.motor, own) | dict(config.motor_parameters)
-        step_s = config.timing.communication_step_s
         count = config.ticks_per_period // config.ticks_per_step
-        self._sampling = Sampling(count, step_s) if sampled else None
+        self._sampling = (count, config.timing.communication_step_s) if sampled else None
         self._instances: list[Motor | None] = [None] * (1 if fmu.arrays else 2 * columns)
         self._runs = np.zeros(2 * columns, dtype=np.int64)  # of every motor, D before E
         # Usual and present values (2, B) of the parameters that some motor of the arrays has had
@@ -180,7 +156,7 @@ class Motors:
             np.zeros(len(self._instances), dtype=np.int64),
             np.zeros(len(self._instances), dtype=np.int64),
             np.zeros(max(len(INPUTS), len(fmu.electrical))),
-            *(0, 0, 0),
+            Addresses(0, 0, 0),
             fmu.inputs,
             fmu.outputs,
             fmu.electrical,
@@ -205,7 +181,6 @@ class Motors:
         Returns theta and omega there, (4, robots).
 
         Args:
-            columns: of the robots.
             parameters: of each robot's motors D and E. One that is the configuration's leaves an
                 FMU what it began with.
             phases: (robots, 2) rad at which motors D and E begin; NaN, and by default all, as the
@@ -223,8 +198,7 @@ class Motors:
             start[:] = self._start[:, :, columns]
             for name in MotorParams._fields:
                 values = np.array([[getattr(p, name) for p in pair] for pair in parameters]).T
-                usual = getattr(self._usual, name)
-                self._tune(motors, columns, name, values, values == usual)
+                self._tune(motors, columns, name, values, values == getattr(self._usual, name))
             self._tune(motors, columns, PHASE, phases.T, np.isnan(phases.T))
             self._runs.reshape(len(MOTOR_NAMES), -1)[:, columns] += 1
             motors.restart(self._runs)
@@ -235,8 +209,8 @@ class Motors:
                 values = _differences(own, self._usual)
                 if not math.isnan(phase := float(phases[robot, motor])):
                     values[PHASE] = phase
-                place, instance = 2 * column + motor, f"r{robot + 1}.{name}"
-                start[:, motor, robot] = self._put(place, instance, values).outputs(0, 0.0)[:2]
+                instance = self._put(2 * column + motor, f"r{robot + 1}.{name}", values)
+                start[:, motor, robot] = instance.get(self._fmu.outputs)[:2]
         return start.reshape(-1, len(columns))
 
     def _tune(
@@ -251,59 +225,64 @@ class Motors:
         if name not in self._own:
             if at_usual.all():
                 return
-            usual = motors.parameter(name).reshape(len(MOTOR_NAMES), -1)
+            found = motors.get([self._fmu.parameter(name, tunable=True)])
+            usual = np.reshape(found, (len(MOTOR_NAMES), -1))
             self._own[name] = usual, usual.copy()
         usual, present = self._own[name]
         values = np.where(at_usual, usual[:, columns], values)
         if (present[:, columns] != values).any():
             present[:, columns] = values
-            motors.tune(name, present.reshape(-1))
+            motors.set([self._fmu.parameter(name, tunable=True)], present.reshape(-1))
 
     def _put(
         self, place: int, name: str, parameters: Mapping[str, float], motors: int = 1
     ) -> Motor:
-        if (present := self._instances[place]) is not None:
-            present.close()
+        """Put a new instance in a place, after what was there has ended."""
+        self._end(place)
         values = {**self._parameters, **parameters}
-        motor = self._fmu.instantiate(name, values, motors, self._sampling)
+        motor = Motor(self._fmu, name, values, motors, self._sampling)
         self._instances[place] = motor
-        self.calls.instances[place], self.calls.ticks[place] = motor.instance, 0
-        self.calls = self.calls._replace(**motor.addresses._asdict())
+        self.calls.instances[place], self.calls.ticks[place] = motor.address, 0
+        self.calls = self.calls._replace(functions=motor.functions)
         if self._fmu.arrays:
-            self._start = np.reshape(motor.outputs(0, 0.0), (3, len(MOTOR_NAMES), -1))[:2]
+            self._start = np.reshape(motor.get(self._fmu.outputs), (3, len(MOTOR_NAMES), -1))[:2]
         return motor
 
     def set_inputs(self, signals: np.ndarray, dt_s: float) -> None:
-        """Set INPUTS from (6, B) values; raises FmuError naming instance and time."""
-        for motor, values, tick in self._each(signals, len(INPUTS)):
-            motor.set_inputs(values.reshape(-1), tick, dt_s)
+        """Set INPUTS from (6, B) values."""
+        for motor, values, time_s in self._each(signals, len(INPUTS), dt_s):
+            motor.set(self._fmu.inputs, values.reshape(-1), time_s)
 
     def get_outputs(self, signals: np.ndarray, dt_s: float) -> None:
-        """Write OUTPUTS to (6, B); raises FmuError naming instance and time."""
-        for motor, values, tick in self._each(signals, len(OUTPUTS)):
-            values[:] = np.reshape(motor.outputs(tick, dt_s), values.shape)
+        """Write OUTPUTS to (6, B)."""
+        self._get(self._fmu.outputs, signals, dt_s)
 
     def get_electrical(self, signals: np.ndarray, dt_s: float) -> None:
-        """Write ELECTRICAL and LOOP to (8, B); raises FmuError naming instance and time."""
-        count = len(self.calls.electrical)
-        for motor, values, tick in self._each(signals[: len(MOTOR_NAMES) * count], count):
-            values[:] = np.reshape(motor.electrical(tick, dt_s), values.shape)
+        """Write ELECTRICAL and LOOP to (8, B)."""
+        self._get(self._fmu.electrical, signals, dt_s)
 
-    def step(self, count: int, dt_s: float) -> None:
-        """Step over `count` ticks; raises FmuError naming instance and time."""
+    def _get(self, references: np.ndarray, signals: np.ndarray, dt_s: float) -> None:
+        count = len(references)
+        for motor, values, time_s in self._each(signals[: 2 * count], count, dt_s):
+            values[:] = np.reshape(motor.get(references, time_s), values.shape)
+
+    def _each(
+        self, signals: np.ndarray, count: int, dt_s: float
+    ) -> Iterator[tuple[Motor, np.ndarray, float]]:
+        """Every instance with its part (count, motors of it) of the signals, and its time in s."""
+        by_motor = signals.reshape(count, len(MOTOR_NAMES), -1)
         for place, motor in self._running():
-            motor.step(int(self.calls.ticks[place]), count, dt_s)
-            self.calls.ticks[place] += count
+            mine = by_motor if self._fmu.arrays else by_motor[:, place % 2, place // 2, None]
+            yield motor, mine, int(self.calls.ticks[place]) * dt_s
 
     def _running(self) -> Iterator[tuple[int, Motor]]:
         return ((k, motor) for k, motor in enumerate(self._instances) if motor is not None)
 
-    def _each(self, signals: np.ndarray, count: int) -> Iterator[tuple[Motor, np.ndarray, int]]:
-        """Every instance with its part (count, motors of it) of the signals, and its ticks."""
-        by_motor = signals.reshape(count, len(MOTOR_NAMES), -1)
+    def step(self, count: int, dt_s: float) -> None:
+        """Step over `count` ticks."""
         for place, motor in self._running():
-            mine = by_motor if self._fmu.arrays else by_motor[:, place % 2, place // 2, None]
-            yield motor, mine, int(self.calls.ticks[place])
+            motor.step(int(self.calls.ticks[place]) * dt_s, count * dt_s)
+            self.calls.ticks[place] += count
 
     def get_state(self) -> tuple[Any, ...]:
         """Return what `set_state` restores the motors from, here or in another process.
@@ -315,7 +294,7 @@ class Motors:
         return states, self.calls.ticks.copy(), self._runs.copy(), copy.deepcopy(self._own)
 
     def set_state(self, saved: tuple[Any, ...]) -> None:
-        """Restore the motors; raises FmuError if the FMU refuses."""
+        """Restore the motors."""
         states, ticks, runs, own = saved
         for place, state in enumerate(states):
             if state is None:
@@ -334,7 +313,7 @@ class Motors:
 
     def close(self) -> None:
         """Free the instances."""
-        for place in range(len(self._instances)):
+        for place, _ in self._running():
             self._end(place)
 
     def _end(self, place: int) -> None:
@@ -352,7 +331,6 @@ class SpeedNoise:
         Args:
             config: amplitude, and time for which a value holds.
             seed: of the episode; it is not changed.
-            robots: their number.
         """
         children = range(robots * len(MOTOR_NAMES))
         self._generators = [generator(seed, child) for child in children]

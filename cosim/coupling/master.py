@@ -12,6 +12,7 @@ every communication step, one body after the other.
 """
 
 import ctypes
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 import numpy as np
@@ -20,23 +21,22 @@ from fmpy.fmi1 import FMICallException
 from cosim.base.errors import UserError
 from cosim.base.jit import interrupts_held, kernel
 from cosim.coupling.assembly import Motors
-from cosim.coupling.calls import (
+from cosim.coupling.period import begin_period, end_period, restore_ended, sample_tick
+from cosim.coupling.plant import Plant, begin_step, push_bodies, react, step_robots
+from cosim.coupling.signals import SIGNALS, RawSamples, Samples, State, aligned
+from cosim.fmi.calls import (
+    FMI_OK,
+    FMI_WARNING,
     INCOMPLETE,
     NOT_FINITE,
     RAISED,
     Calls,
-    get_signals,
+    exchange_signals,
     set_inputs,
     step_motors,
     step_period,
     take_sampled,
 )
-from cosim.coupling.fmu import OUTPUTS
-from cosim.coupling.period import begin_period
-from cosim.coupling.plant import Plant, begin_step, push_bodies, react, step_robots
-from cosim.coupling.sampling import end_period, restore_ended, sample_tick
-from cosim.coupling.signals import MOTORS, SIGNALS, RawSamples, Samples, State, aligned
-from cosim.fmi.abi import FMI_OK, FMI_WARNING
 from cosim.physics.lanes import Width, width_of
 
 _ONE = width_of(1)
@@ -56,13 +56,12 @@ class NotFiniteError(UserError):
         values = np.concatenate([state.inputs, state.outputs, state.bodies])
         size = np.nan_to_num(np.abs(values), nan=np.inf, posinf=np.inf)
         row, self.column = map(int, np.unravel_index(size.argmax(), size.shape))
-        self.signal, self.tick = SIGNALS[row], tick
-        value = values[row, self.column]
-        super().__init__(f"{self.signal} of robot {self.column + 1} is {value} after tick {tick}")
-        self.value = value
+        self.signal, self.tick, self.value = SIGNALS[row], tick, values[row, self.column]
+        robot = self.column + 1
+        super().__init__(f"{self.signal} of robot {robot} is {self.value} after tick {tick}")
 
     def locate(self, robot: str, time_s: float) -> "NotFiniteError":
-        """Return a copy of this error that names the robot and the simulated time."""
+        """Return this error with the robot and the simulated time in its message."""
         self.args = (
             f"{self.signal} of {robot} is {self.value} at {time_s:.5f} s of simulated time; choose "
             "a smaller --dt, or look at its motor FMU and at its world",
@@ -70,26 +69,21 @@ class NotFiniteError(UserError):
         return self
 
 
-class Driver:
-    """Advances the coupled system.
-
-    Attributes:
-        motors: of all robots.
-        lanes: bodies in a vector; divides the columns of the state.
-    """
+class Driver(ABC):
+    """Advances the coupled system: the motors of all robots, and bodies in vectors of `lanes`."""
 
     def __init__(self, motors: Motors, lanes: int = 1) -> None:
         self.motors = motors
         self.lanes = lanes
 
+    @abstractmethod
     def advance(
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
     ) -> None:
         """Run whole control periods, until something ends the last running episode.
 
         Args:
-            plant: constants.
-            state: variables of B columns, changed in place.
+            state: variables of B columns, which `lanes` divides; changed in place.
             noise: (n, B, 2) speed noise of n periods, over each motor's set point.
             samples: room for n periods of B columns.
             raw: room for a burst of the first m ticks.
@@ -98,7 +92,6 @@ class Driver:
             FmuError: an FMU refused a call; names the instance, the time and its log message.
             NotFiniteError: a signal is no finite number any more.
         """
-        raise NotImplementedError
 
 
 class ReferenceDriver(Driver):
@@ -108,14 +101,14 @@ class ReferenceDriver(Driver):
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
     ) -> None:
         """See `Driver.advance`."""
-        tick, dt, count = 0, plant.body.dt, plant.ticks_per_step
+        tick, dt, count, motors = 0, plant.body.dt, plant.ticks_per_step, self.motors
         for period in range(len(noise)):
             begin_period(plant, state, noise[period], 1)
-            self.motors.set_inputs(state.inputs, dt)
+            motors.set_inputs(state.inputs, dt)
             for _ in range(plant.ticks_per_period // count):
                 begin_step(plant, state)
-                self.motors.step(count, dt)
-                self.motors.get_outputs(state.outputs, dt)
+                motors.step(count, dt)
+                motors.get_outputs(state.outputs, dt)
                 for k in range(count):
                     for column in np.flatnonzero(state.busy).tolist():
                         if not step_robots(plant, state, column, k, _ONE):
@@ -126,35 +119,39 @@ class ReferenceDriver(Driver):
                     tick += 1
                 if plant.reaction:
                     react(plant, state)
-                    self.motors.set_inputs(state.inputs, dt)
-            self.motors.get_electrical(state.electrical, dt)
+                    motors.set_inputs(state.inputs, dt)
+            motors.get_electrical(state.electrical, dt)
             if not end_period(plant, state, samples, period):
                 break
         restore_ended(plant, state)
 
 
 class CompiledDriver(Driver):
-    """Steps the FMUs by calling their C functions from a compiled loop, bodies in lanes.
-
-    Attributes:
-        calls: the motors' functions, where they are called in another way than by `motors.calls`.
-    """
-
-    calls: Calls | None = None
+    """Steps the FMUs by calling their C functions from a compiled loop, bodies in lanes."""
 
     def advance(
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
     ) -> None:
         """See `Driver.advance`."""
-        calls, width = self.calls or self.motors.calls, width_of(self.lanes)
+        self._run(plant, state, noise, samples, raw, self.motors.calls)
+
+    def _run(
+        self,
+        plant: Plant,
+        state: State,
+        noise: np.ndarray,
+        samples: Samples,
+        raw: RawSamples,
+        calls: Calls,
+    ) -> None:
+        width, dt = width_of(self.lanes), plant.body.dt
         status, instance = run_periods(plant, state, noise, samples, raw, calls, width)
         if status == NOT_FINITE:
             raise NotFiniteError(state, instance)
+        if status == INCOMPLETE:
+            raise self.motors.error(instance, "asked to stop", dt)
         if status > FMI_WARNING:
-            if status == INCOMPLETE:
-                raise self.motors.error(instance, "asked to stop", plant.body.dt)
-            what = f"failed (fmi3Status {status})"
-            raise self.motors.error(instance, what, plant.body.dt, status)
+            raise self.motors.error(instance, f"failed (fmi3Status {status})", dt, status)
 
 
 class FmpyDriver(CompiledDriver):
@@ -174,12 +171,12 @@ class FmpyDriver(CompiledDriver):
         steps = plant.ticks_per_period // plant.ticks_per_step
         failures: list[BaseException] = []
         callback = _CALLBACK(self._stepper(plant, failures))
-        self.calls = self.motors.calls._replace(
+        calls = self.motors.calls._replace(
             step_period=ctypes.cast(callback, ctypes.c_void_p).value,
-            sampled=aligned(len(OUTPUTS) * steps * MOTORS, state.inputs.shape[1]),
+            sampled=aligned(len(state.outputs) * steps, state.outputs.shape[1]),
         )
         try:
-            super().advance(plant, state, noise, samples, raw)
+            self._run(plant, state, noise, samples, raw, calls)
         except Exception as error:
             if failures and not isinstance(failures[0], FMICallException):
                 raise failures[0] from None
@@ -188,9 +185,7 @@ class FmpyDriver(CompiledDriver):
     def _stepper(self, plant: Plant, failures: list[BaseException]) -> Callable[[object], int]:
         """Return a function that steps all motors over a control period and returns a status.
 
-        Args:
-            plant: constants.
-            failures: gets what is raised.
+        `failures` gets what is raised.
         """
         motor = self.motors.array
         if motor is None:
@@ -230,23 +225,25 @@ def run_periods(
     """
     dt, count = plant.body.dt, plant.ticks_per_step
     instances, lanes = calls.instances.shape[0], len(width)
+    sampled = calls.step_period != 0
+    get, electrical = calls.functions.get_float64, calls.electrical
     tick = 0
     for period in range(noise.shape[0]):
         begin_period(plant, state, noise[period], lanes)
-        fresh_inputs = calls.step_period == 0
-        if not fresh_inputs:
+        fresh_inputs = not sampled
+        if sampled:
             status = step_period(calls, state.inputs)
             if status > FMI_WARNING:
                 return status, 0
         for step in range(plant.ticks_per_period // count):
             begin_step(plant, state)
-            if calls.step_period != 0:
+            if sampled:
                 take_sampled(calls, state.outputs, step, width)
             if fresh_inputs:
                 status, instance = set_inputs(calls, state.inputs)
                 if status > FMI_WARNING:
                     return status, instance
-            if instances == 1 and calls.step_period == 0:
+            if instances == 1 and not sampled:
                 status, instance = step_motors(calls, state.outputs, 0, 1, count, dt)
                 if status > FMI_WARNING:
                     return status, instance
@@ -272,7 +269,7 @@ def run_periods(
             fresh_inputs = plant.reaction
             if plant.reaction:
                 react(plant, state)
-        status, instance = get_signals(calls, calls.electrical, state.electrical, 0, instances)
+        status, instance = exchange_signals(calls, get, electrical, state.electrical, 0, instances)
         if status > FMI_WARNING:
             return status, instance
         if not end_period(plant, state, samples, period):

@@ -1,4 +1,8 @@
-"""The start of a control period: robots are located, kept apart and steered; motors get inputs."""
+"""The two ends of a control period, in compiled code.
+
+At its start robots are located, kept apart and steered, and motors get inputs; at its end signals
+are sampled, and episodes in which something happened end.
+"""
 
 import math
 
@@ -6,13 +10,28 @@ import numpy as np
 
 from cosim.base.jit import inlined
 from cosim.coupling.plant import Plant
-from cosim.coupling.signals import LANDING, MOTORS, State
+from cosim.coupling.signals import (
+    AIRBORNE,
+    FEET,
+    FRICTION,
+    IMPACT,
+    LANDING,
+    LIFTED,
+    MOTORS,
+    NORMAL,
+    SLIPPING,
+    RawSamples,
+    Samples,
+    State,
+)
+from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.onboard.camera import INTERVAL, update_estimate
-from cosim.onboard.estimation import POSE, take_command
+from cosim.onboard.estimation import COVARIANCE, POSE, take_command
 from cosim.onboard.shield import Ground, guard
-from cosim.onboard.steering import SPEED, YAW_RATE, steer
-from cosim.physics.body_state import X, Y, orientation_of
+from cosim.onboard.steering import HEADING_ERROR, MODE, SPEED, YAW_RATE, steer
+from cosim.physics.body_state import FRICTIONS, NORMALS, Q_W, V_X, W_Z, X, Y, Z, orientation_of
 from cosim.physics.collision import find_near_obstacles, find_near_pairs
+from cosim.physics.neighbours import FOUND, Grid, find_near, list_by_cells
 from cosim.physics.properties import feel_patches
 from cosim.physics.rotation import heading
 
@@ -21,11 +40,7 @@ from cosim.physics.rotation import heading
 def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> None:
     """Steer every robot and put the motors' inputs in place; those of ended episodes stop.
 
-    Args:
-        plant: constants.
-        state: variables; commands and inputs change.
-        noise: (B, 2) speed measurement noise of this period, over each motor's set point.
-        lanes: of the vectors.
+    `noise` is (B, 2), speed measurement noise of this period over each motor's set point.
     """
     period_s = plant.ticks_per_period * plant.body.dt
     robots, columns = plant.robots, state.bodies.shape[1]
@@ -130,3 +145,139 @@ def _steer(plant: Plant, state: State, column: int, period_s: float) -> tuple[fl
         commanded = command[SPEED], command[YAW_RATE], driven
         take_command(estimate, *commanded, period_s, plant.estimator, plant.portable)
     return set_points
+
+
+@inlined
+def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
+    """Write one tick of a burst."""
+    for column in range(state.running.shape[0] * plant.robots):
+        body = state.bodies[:, column]
+        for axis in range(3):
+            raw.position[row, column, axis] = body[X + axis]
+        for motor in range(MOTORS):
+            raw.theta[row, column, motor] = state.outputs[motor, column]
+            raw.omega[row, column, motor] = state.outputs[MOTORS + motor, column]
+        for foot in range(FEET):
+            raw.normal[row, column, foot] = body[NORMALS + foot] / plant.body.dt
+            for axis in range(2):
+                impulse = body[FRICTIONS + 3 * foot + axis]
+                raw.friction[row, column, 2 * foot + axis] = impulse / plant.body.dt
+
+
+@inlined
+def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
+    """Sample a control period at `row`, and end the episodes in which something happened.
+
+    The board is judged here: robots move by some micrometres within a period. Returns the number of
+    running episodes.
+    """
+    robots = plant.robots
+    going_on = 0
+    for episode in range(state.running.shape[0]):
+        if not state.running[episode]:
+            continue
+        first = episode * robots
+        targets, lists, board = state.targets, state.near_targets, state.boards[episode]
+        reach = 2.0 * state.cells_m[episode]  # a centre is closer to its cell's corner
+        grid = list_by_cells(lists, targets[:, 0], targets[:, 1], first, robots, board, reach)
+        happened = RUNNING
+        for column in range(first, first + robots):
+            _sample(plant, state, samples, row, column)
+            state.events[column] = _event(plant, state, episode, column, grid)
+            happened = max(happened, state.events[column])
+        state.periods[episode] = row + 1
+        if happened == RUNNING:
+            going_on += 1
+            continue
+        state.running[episode] = 0
+        for k in range(state.bodies.shape[0]):
+            for column in range(first, first + robots):
+                state.ended[k, column] = state.bodies[k, column]
+    return going_on
+
+
+@inlined
+def _event(plant: Plant, state: State, episode: int, column: int, grid: Grid) -> int:
+    """RUNNING, COLLISION or OUT_OF_BOARD of one robot."""
+    x, y = state.bodies[X, column], state.bodies[Y, column]
+    if not (0.0 <= x <= state.boards[episode, 0] and 0.0 <= y <= state.boards[episode, 1]):
+        return OUT_OF_BOARD
+    if state.bodies[Z, column] < 0.0:  # it has fallen over the edge of the floor
+        return OUT_OF_BOARD
+    if not plant.end_on_collision:
+        return RUNNING
+    if state.touching[column] > 0.0:
+        return COLLISION
+    for k in range(state.forbidden.shape[1]):
+        if _is_within(state.forbidden[column, k], x, y):
+            return COLLISION
+    lists = state.near_targets
+    for k in range(grid.first, grid.first + find_near(lists, grid, x, y)):
+        target = lists[FOUND, k]
+        if state.owners[target] != column and _is_within(state.targets[target], x, y):
+            return COLLISION
+    return RUNNING
+
+
+@inlined
+def _is_within(rectangle: np.ndarray, x: float, y: float) -> bool:
+    """Return whether a point is in a rectangle left, bottom, right, top."""
+    return rectangle[0] <= x < rectangle[2] and rectangle[1] <= y < rectangle[3]
+
+
+@inlined
+def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int) -> None:
+    ticks = plant.ticks_per_period
+    period_s = ticks * plant.body.dt
+    body, statistics = state.bodies[:, column], state.statistics[:, column]
+    for motor in range(MOTORS):
+        samples.theta[row, column, motor] = state.outputs[motor, column]
+        samples.omega[row, column, motor] = state.outputs[MOTORS + motor, column]
+        samples.omega_des[row, column, motor] = state.set_points[motor, column]
+        samples.disturbance[row, column, motor] = state.inputs[2 * MOTORS + motor, column]
+        samples.voltage[row, column, motor] = state.electrical[motor, column]
+        samples.current[row, column, motor] = state.electrical[MOTORS + motor, column]
+        samples.command[row, column, motor] = state.electrical[2 * MOTORS + motor, column]
+        samples.integral[row, column, motor] = state.electrical[3 * MOTORS + motor, column]
+        samples.omega_dot[row, column, motor] = state.outputs[2 * MOTORS + motor, column]
+        samples.noise[row, column, motor] = state.inputs[MOTORS + motor, column]
+    for axis in range(3):
+        samples.position[row, column, axis] = body[X + axis]
+        samples.velocity[row, column, axis] = body[V_X + axis]
+    for k in range(4):
+        samples.quaternion[row, column, k] = body[Q_W + k]
+    samples.yaw_rate[row, column] = body[W_Z]
+    for foot in range(FEET):
+        x, y = statistics[FRICTION + 2 * foot], statistics[FRICTION + 2 * foot + 1]
+        samples.normal_mean[row, column, foot] = statistics[NORMAL + foot] / period_s
+        samples.friction_mean[row, column, foot] = math.sqrt(x * x + y * y) / period_s
+        samples.impact[row, column, foot] = statistics[IMPACT + foot]
+        samples.slipping_share[row, column, foot] = statistics[SLIPPING + foot] / ticks
+    samples.lifted_share[row, column] = statistics[LIFTED] / ticks
+    samples.airborne_share[row, column] = statistics[AIRBORNE] / ticks
+    samples.heading_error[row, column] = state.commands[column, HEADING_ERROR]
+    samples.mode[row, column] = state.commands[column, MODE]
+    estimate = state.estimates[column]
+    if state.cameras[column, INTERVAL] == 0.0:  # what decides next knows the pose of now
+        estimate[POSE], estimate[POSE + 1] = body[X], body[Y]
+        estimate[POSE + 2] = heading(orientation_of(body), plant.portable)
+    for k in range(3):
+        samples.estimate[row, column, k] = estimate[POSE + k]
+        for i in range(k + 1):
+            # 0; 1, 2; 3, 4, 5 of the lower triangle: xx, xy, yy, x heading, y heading, heading
+            samples.covariance[row, column, k * (k + 1) // 2 + i] = estimate[COVARIANCE + 3 * k + i]
+    samples.touching_share[row, column] = state.touching[column] / ticks
+
+
+@inlined
+def restore_ended(plant: Plant, state: State) -> None:
+    """Put the bodies of ended episodes back to where they were at their end.
+
+    Lanes cannot stand still while others move: what they did after the end is dropped.
+    """
+    for episode in range(state.running.shape[0]):
+        if not state.running[episode]:
+            first = episode * plant.robots
+            for k in range(state.bodies.shape[0]):
+                for column in range(first, first + plant.robots):
+                    state.bodies[k, column] = state.ended[k, column]

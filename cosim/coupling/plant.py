@@ -1,8 +1,7 @@
 """The coupled system between two FMU steps: kernels that both drivers of the master call.
 
 A control period is: steer every robot and set the motors' inputs (`cosim.coupling.period`); per
-tick, step the motors and then the bodies with the forces at the end of the tick; sample. The
-drivers differ only in how they reach the FMUs, so that their signals are the same bits. What
+tick, step the motors and then the bodies with the forces at the end of the tick; sample. What
 happens every tick happens to the robots in the lanes of a vector at once, whichever episodes they
 belong to; the rest robot by robot.
 """
@@ -36,11 +35,7 @@ from cosim.physics.body_state import (
     read_body,
     write_body,
 )
-from cosim.physics.collision import (
-    PairParams,
-    push_apart,
-    push_off,
-)
+from cosim.physics.collision import PairParams, push_apart, push_off
 from cosim.physics.contact import Impulse
 from cosim.physics.forces import MotorMount, motor_wrench
 from cosim.physics.lanes import Width, any_lane, load, select, store, width_of
@@ -103,13 +98,7 @@ def exchanged(
 ) -> tuple[float, float, float]:
     """Output (θ, ω, ω̇) of motors as the bodies see it at the end of a tick of the step.
 
-    Args:
-        plant: constants.
-        state: variables.
-        motor: D (0) or E (1).
-        column: of the first robot.
-        tick: of the communication step, from 0.
-        width: how many robots.
+    The motors are D (0) or E (1) of the robots from `column` on; ticks count from 0.
     """
     theta, omega, omega_dot = _signals(state.outputs, motor, column, width)
     if plant.ticks_per_step == 1:
@@ -137,14 +126,9 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
     """Move the robots of a vector by one tick with the forces of their motors at its end.
 
     Args:
-        plant: constants.
         state: variables; the robots' bodies move.
-        column: of the first robot.
-        tick: of the communication step, from 0.
-        width: how many robots.
 
-    Returns:
-        Whether all of them are where numbers tell, and at a finite velocity.
+    Returns whether all of them have a finite place and velocity.
     """
     theta_d, omega_d, omega_dot_d = exchanged(plant, state, 0, column, tick, width)
     theta_e, omega_e, omega_dot_e = exchanged(plant, state, 1, column, tick, width)

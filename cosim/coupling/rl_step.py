@@ -18,13 +18,7 @@ POSES_S = 0.1  # between the poses of more robots
 def sampled_of(robots: int, named: Sequence[int] = ()) -> tuple[int, ...]:
     """Return the indices of the robots with kept signals.
 
-    Args:
-        robots: number of robots.
-        named: numbers of those robots, from 1; by default all of up to `SAMPLED`, else the first
-            `SOME`.
-
-    Raises:
-        UserError: there is no such robot, or one is named twice.
+    `named` are their numbers from 1; by default all of up to `SAMPLED`, else the first `SOME`.
     """
     if not named:
         return tuple(range(robots if robots <= SAMPLED else SOME))
@@ -34,17 +28,11 @@ def sampled_of(robots: int, named: Sequence[int] = ()) -> tuple[int, ...]:
 
 
 class Decision(NamedTuple):
-    """Decision of a policy, with the values of the alternatives.
+    """Decision of a policy, with the values of the alternatives."""
 
-    Attributes:
-        action: (N,) direction index of each robot.
-        values: (N, 8) action values that the action was chosen by; None if the policy has none.
-        unit: of the values; sums of rewards have none, "1".
-    """
-
-    action: np.ndarray
-    values: np.ndarray | None = None
-    unit: str = "1"
+    action: np.ndarray  # (N,) direction index of each robot
+    values: np.ndarray | None = None  # (N, 8) that the action was chosen by, if there are any
+    unit: str = "1"  # of the values; sums of rewards have none
 
     def of(self, robots: Sequence[int]) -> "Decision":
         """The decision on some of the robots."""
@@ -66,9 +54,6 @@ def decide(policy: SupportsAct, observation: Observation) -> Decision:
 
     Arrays that it receives and those that it returns are copied: neither what it changes in an
     observation nor a buffer that it uses again changes an episode.
-
-    Raises:
-        UserError: the values of a decision are none.
     """
     decided = policy.act(Observation(*(array.copy() for array in observation)))
     parts: Any = decided if isinstance(decided, Decision) else Decision(decided)
@@ -84,42 +69,27 @@ def decide(policy: SupportsAct, observation: Observation) -> Decision:
 
 
 class Step(NamedTuple):
-    """One RL step of the co-simulation.
+    """One RL step of the co-simulation."""
 
-    Attributes:
-        number: of the step, from 0.
-        first_tick: ticks of dt before the step.
-        before, after: observations at its start and end.
-        action: (N,) direction index in force during the step, −1 for a robot that arrived before
-            or that the shield lets wait.
-        decided: (N,) whether the action was adopted at the start of this step.
-        completed: (N,) whether the robot ended its move within this step.
-        samples: signals of the robots in `sampled` at every control period that was simulated.
-        raw: signals of these at every tick of the burst at the start of the step.
-        events: (N,) what became of each robot: RUNNING, COLLISION or OUT_OF_BOARD of
-            `cosim.model.outcome`.
-        outcome: of the episode, RUNNING until it ends.
-        duration_s: simulated time.
-        moved_m: (N,) distance of each robot's centre from where it was in the first period.
-        sampled: indices of the robots that signals are kept of: all where they are few.
-        poses: (p, N, 7) position and quaternion of all robots, `POSES_S` apart, where signals are
-            kept of some of them only; else none.
-    """
-
-    number: int
-    first_tick: int
+    number: int  # of the step, from 0
+    first_tick: int  # ticks of dt before the step
+    # before, after: observations at its start and end
     before: Observation
     after: Observation
+    # (N,) direction index in force during the step, −1 for a robot that arrived before or that the
+    # shield lets wait
     action: np.ndarray
-    decided: np.ndarray
-    completed: np.ndarray
-    samples: Samples
-    raw: RawSamples
-    events: np.ndarray
-    outcome: Outcome
-    duration_s: float
-    moved_m: np.ndarray
-    sampled: tuple[int, ...]
+    decided: np.ndarray  # (N,) whether the action was adopted at the start of this step
+    completed: np.ndarray  # (N,) whether the robot ended its move within this step
+    samples: Samples  # of the robots in `sampled` at every control period that was simulated
+    raw: RawSamples  # signals of these at every tick of the burst at the start of the step
+    events: np.ndarray  # (N,) RUNNING, COLLISION or OUT_OF_BOARD of `cosim.model.outcome`
+    outcome: Outcome  # of the episode, RUNNING until it ends
+    duration_s: float  # simulated time
+    moved_m: np.ndarray  # (N,) distance of each robot's centre from where it was at first
+    sampled: tuple[int, ...]  # indices of the robots with signals: of all where they are few
+    # (p, N, 7) position and quaternion of all robots, `POSES_S` apart, where signals are kept of
+    # some of them only; else none
     poses: np.ndarray
 
     def of_sampled(self) -> "Step":

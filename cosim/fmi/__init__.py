@@ -1,1 +1,1 @@
-"""FMUs: unpacking, loading, and calls of their C functions from machine code."""
+"""Motor FMUs: unpacked, checked and run with fmpy, and called from machine code."""

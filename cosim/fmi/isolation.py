@@ -40,11 +40,8 @@ def isolate(command: str, fmu: Path | None) -> None:
             try:
                 child.wait()
             except KeyboardInterrupt as interrupt:
-                ended = isinstance(interrupt, Terminated)
-                if interrupted:
-                    child.kill()
-                else:
-                    child.send_signal(signal.SIGTERM if ended else signal.SIGINT)
+                ended = signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT
+                child.send_signal(signal.SIGKILL if interrupted else ended)
                 interrupted = interrupt
     if child.returncode >= 0:
         sys.exit(child.returncode)

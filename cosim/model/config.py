@@ -92,7 +92,7 @@ class CoSimConfig:
             the motor FMU does not expose. They do not matter for equality.
         motor_parameters: values that every motor FMU is given, by name, in addition to what differs
             between `motor` and Table II.
-        motor_fmu: digest of the FMU that `motor` was read from (`cosim.coupling.parameters`); then
+        motor_fmu: digest of the FMU that `motor` was read from (`cosim.fmi.motor`); then
             only `motor_parameters` are set. Empty for the built-in FMU.
 
     Raises:

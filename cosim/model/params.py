@@ -132,7 +132,7 @@ class TimingParams(NamedTuple):
 class SteeringParams(NamedTuple):
     """Heading and line control that turn a commanded direction into motor set points.
 
-    The motor speeds realise the desired ones: `cosim.calibration.cache` finds them for
+    The motor speeds realise the desired ones: `cosim.calibration.measuring` finds them for
     the parameters at hand, the values here are its result for the defaults. See docs/steering.md.
     """
 

@@ -22,7 +22,6 @@ from cosim.coupling.assembly import (
     robot_properties,
     why_not_fmpy,
 )
-from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.master import (
     CompiledDriver,
     Driver,
@@ -42,6 +41,7 @@ from cosim.coupling.signals import (
     new_state,
     with_room,
 )
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import motor_phases

@@ -70,7 +70,7 @@ class Physics:
                     f"--{option} is given in addition to the world's {field}; leave one of them out"
                 )
         if self.motor_parameters:
-            from cosim.coupling.fmu import INPUTS, OPEN_INPUTS  # noqa: PLC0415 - with fmpy
+            from cosim.fmi.motor import INPUTS, OPEN_INPUTS  # noqa: PLC0415 - with fmpy
 
             if inputs := dict(self.motor_parameters).keys() & {*INPUTS, *OPEN_INPUTS}:
                 raise ConfigError(
@@ -110,7 +110,7 @@ class Physics:
         return self._calibrated(config, fmu, progress), fmu
 
     def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
-        from cosim.calibration.cache import calibrated  # noqa: PLC0415 - as above
+        from cosim.calibration.measuring import calibrated  # noqa: PLC0415 - as above
 
         return calibrated(config, fmu, progress)
 
@@ -195,7 +195,7 @@ class SimulationOptions(Physics, DecisionOptions):
 
     def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
         """Limit the speed to the largest one without hopping, unless it is given."""
-        from cosim.calibration.cache import calibrated_slower  # noqa: PLC0415 - as above
+        from cosim.calibration.measuring import calibrated_slower  # noqa: PLC0415 - as above
         from cosim.calibration.shielding import with_stopping_distance  # noqa: PLC0415
 
         if self.speed is not None:

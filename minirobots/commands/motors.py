@@ -83,7 +83,7 @@ class MotorLoop(Command):
         from analysis.motor.instance import GivenMotor
         from analysis.motor.steps import compare_gains, draw
         from cosim.base.table import show_texts
-        from cosim.coupling.fmu import MotorFmu
+        from cosim.fmi.motor import MotorFmu
         from cosim.model.params import motor_time_constant
         from fmus.build import cached_fmu
 
@@ -172,9 +172,9 @@ class Calibrate(Command):
     def run(self, progress: Progress) -> Output:
         from cosim.base.storage import replacing, write_json
         from cosim.base.table import show_texts
-        from cosim.calibration.cache import find_calibration
+        from cosim.calibration.measuring import find_calibration
         from cosim.calibration.report import draw, manoeuvre_rows, report_of
-        from cosim.coupling.parameters import with_motor
+        from cosim.fmi.motor import with_motor
 
         config, jobs, out = self.physics.config(), opt.workers(self.jobs), self.out
         out.mkdir(parents=True, exist_ok=True)

@@ -29,7 +29,7 @@ from analysis.reading.motor_test import read, rise
 from analysis.reading.results import RESULTS
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.params import FIG_7, TABLE_II
 
 # The held sine is 4e-5 smaller than the sine it stands for, and the FMU integrates with RK4.

@@ -22,7 +22,7 @@ from agent.training.learning import build_learning
 from agent.training.settings import LearningConfig, read_settings
 from analysis.timings import read_timings
 from cosim.base.errors import UserError
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import Motor, MotorFmu
 from cosim.machine.identification.track import COLUMNS, read_track
 from cosim.model.config import CoSimConfig
 from cosim.model.params import MotorParams, RobotParams
@@ -220,7 +220,7 @@ def test_model_descriptions(motor_fmu, description, tmp_path, monkeypatch, data)
             if name.startswith("binaries/"):
                 copy.writestr(name, archive.read(name))
         copy.writestr("modelDescription.xml", xml)
-    one_sentence(lambda: MotorFmu(path).instantiate("m").close())
+    one_sentence(lambda: Motor(MotorFmu(path), "m").close())
 
 
 @examples(20)

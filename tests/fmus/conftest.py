@@ -3,6 +3,7 @@
 import ctypes
 import struct
 import sys
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,8 @@ from fmpy.fmi3 import FMU3Slave, fmi3LogMessageCallback
 
 from fmus.build import build_fmus, cached_fmu, instantiation_token
 from fmus.compiler import host_target
-from fmus.variables import TIME_REFERENCE, load_table
+from fmus.description import read_description, variables_of
+from fmus.models import MODELS, Model
 
 OUTPUTS = ("theta", "omega", "omega_dot", "V_s", "i")
 OK, ERROR = 0, 3
@@ -25,7 +27,13 @@ FIELD = {
     "integral": (56, "=d"), "time": (40, "=d"), "owed": (32, "=d"), "stop_time": (24, "=d"),
     "life_cycle": (16, "=q"),
 }  # fmt: skip
-REFERENCE = {"time": TIME_REFERENCE} | {v.name: v.reference for v in load_table().variables}
+VARIABLES = {
+    model: {v.attrib["name"]: v for v in variables_of(read_description(model))} for model in MODELS
+}
+REFERENCE = {
+    model: {"time": 0} | {n: int(v.attrib["valueReference"]) for n, v in variables.items()}
+    for model, variables in VARIABLES.items()
+}
 
 
 class Rig:
@@ -66,7 +74,10 @@ class Rig:
 
 
 class Instance:
-    """One instance reached by bare C calls of either standard; calls return the status."""
+    """One instance reached by bare C calls of either standard; calls return the status.
+
+    An array of one motor behaves as a single one.
+    """
 
     def __init__(
         self,
@@ -75,11 +86,12 @@ class Instance:
         fmi: int,
         logging: bool,
         name: bytes | None,
+        model: Model = "VibrationMotor",
     ) -> None:
-        self.fmi, self.token = fmi, token
+        self.fmi, self.token, self.n = fmi, token, 1
         self.library = ctypes.CDLL(str(library)) if isinstance(library, Path) else library
         self.messages: list[str] = []
-        self.reference = REFERENCE
+        self.variables, self.reference = VARIABLES[model], REFERENCE[model]
         text = token.encode()
         if fmi == 2:
             log = fmi2CallbackLoggerTYPE(lambda *a: self.messages.append(a[4].decode()))
@@ -103,26 +115,39 @@ class Instance:
         handle = ctypes.c_void_p(self.handle)
         return getattr(self.library, f"fmi{self.fmi}{function}")(handle, *converted)
 
-    def _values(self, function: str, references: list[int], values: Any) -> int:
-        count = ctypes.c_size_t(len(references))
-        lengths = [count] if self.fmi == 3 else []
+    def exchange(self, function: str, references: list[int], values: np.ndarray | None) -> int:
+        """Status of a getter or setter of several variables."""
         array = (ctypes.c_uint32 * len(references))(*references)
-        return self.call(function, array, count, values, *lengths)
+        room = None if values is None else ctypes.c_void_p(values.ctypes.data)
+        size = len(references) if values is None else values.size
+        sizes = [ctypes.c_size_t(size)] if self.fmi == 3 else []
+        return self.call(function, array, ctypes.c_size_t(len(references)), room, *sizes)
 
     def references(self, *names: str) -> list[int]:
         return [self.reference[name] for name in names]
 
-    def set(self, **values: float | bool) -> int:
-        status = OK
+    def values(self, function: str, names: tuple[str, ...], values: np.ndarray) -> int:
+        return self.exchange(function, self.references(*names), values)
+
+    def _kind(self, name: str, value: Any) -> tuple[str, Any]:
+        """Name of a type in functions of the standard, and numpy's; a plain number says its own."""
+        plain = {bool: "Boolean", int: "Int64", float: "Float64"}
+        kind = plain.get(type(value)) or self.variables[name].tag
+        types: dict[str, Any] = {"Boolean": np.bool_, "Int64": np.int64, "Float64": np.float64}
+        if self.fmi == 3:
+            return kind, types[kind]
+        of_fmi2 = {"Boolean": np.int32, "Int64": np.int32, "Float64": np.float64}
+        return kind.replace("Int64", "Integer").replace("Float64", "Real"), of_fmi2[kind]
+
+    def set(self, **values: Any) -> int:
+        """Worst status of setting each variable; a number is every motor's."""
+        worst = OK
         for name, value in values.items():
-            kind, c_type = {
-                bool: ("Boolean", ctypes.c_bool if self.fmi == 3 else ctypes.c_int),
-                int: ("Int64", ctypes.c_int64) if self.fmi == 3 else ("Integer", ctypes.c_int),
-                float: ("Float64" if self.fmi == 3 else "Real", ctypes.c_double),
-            }[type(value)]
-            array = (c_type * 1)(value)
-            status = max(status, self._values(f"Set{kind}", self.references(name), array))
-        return status
+            kind, number = self._kind(name, value)
+            count = self.n if self.variables[name].findall("Dimension") else 1
+            array = np.ascontiguousarray(np.broadcast_to(value, (count,)), dtype=number)
+            worst = max(worst, self.values(f"Set{kind}", (name,), array))
+        return worst
 
     def refuses_whole(self, refused: int | str, **values: float | bool) -> bool:
         """Whether one call that sets several variables is refused and changes none of them.
@@ -132,24 +157,34 @@ class Instance:
             values: of one type, by name.
         """
         first = next(iter(values.values()))
-        kind, c_type = {
-            bool: ("Boolean", ctypes.c_bool if self.fmi == 3 else ctypes.c_int),
-            int: ("Int64", ctypes.c_int64) if self.fmi == 3 else ("Integer", ctypes.c_int),
-            float: ("Float64" if self.fmi == 3 else "Real", ctypes.c_double),
-        }[type(first)]
+        kind, number = self._kind("", first)
         before = self.save()
         last = self.reference[refused] if isinstance(refused, str) else refused
-        array = (c_type * (len(values) + 1))(*values.values(), first)
-        status = self._values(f"Set{kind}", [*self.references(*values), last], array)
+        array = np.array([*values.values(), first], dtype=number)
+        status = self.exchange(f"Set{kind}", [*self.references(*values), last], array)
         return status == ERROR and self.save() == before
 
-    def get_status(self, references: list[int], values: Any) -> int:
-        return self._values("GetFloat64" if self.fmi == 3 else "GetReal", references, values)
+    def refused(self, status: int, *words: str) -> None:
+        """Assert that a call was refused with these words."""
+        assert status == ERROR
+        assert all(word in self.messages[-1] for word in words), self.messages[-1]
 
-    def get(self, *names: str) -> list[float]:
-        values = (ctypes.c_double * len(names))()
-        assert self.get_status(self.references(*names), values) == OK, self.messages
-        return list(values)
+    def get_status(self, references: list[int], values: np.ndarray | None) -> int:
+        return self.exchange("GetFloat64" if self.fmi == 3 else "GetReal", references, values)
+
+    def get(self, *names: str) -> Any:
+        """List of values of one motor; array (variables, n) of several, a column for scalars."""
+        arrays = self.n > 1 and names[0] != "time" and self.variables[names[0]].findall("Dimension")
+        room = np.full((len(names), self.n if arrays else 1), np.nan)
+        assert self.get_status(self.references(*names), room) == OK, self.messages
+        return room[:, 0].tolist() if self.n == 1 else room
+
+    def set_sizes(self, **sizes: int) -> int:
+        """Status of setting `n` or `samples` of an array."""
+        assert self.call("EnterConfigurationMode") == OK
+        status = self.values("SetUInt64", tuple(sizes), np.array([*sizes.values()], np.uint64))
+        assert self.call("ExitConfigurationMode") == OK
+        return status
 
     def enter_initialization(self, start_s: float = 0.0, stop_s: float | None = None) -> int:
         stop = ctypes.c_int(stop_s is not None), float(stop_s or 0.0)
@@ -158,7 +193,7 @@ class Instance:
         status = self.call("SetupExperiment", 0, 0.0, start_s, *stop)
         return max(status, self.call("EnterInitializationMode"))
 
-    def start(self, **values: float | bool) -> "Instance":
+    def start(self, **values: Any) -> "Instance":
         """Set, initialise and go to Step Mode."""
         assert self.set(**values) == OK, self.messages
         assert self.enter_initialization() == OK
@@ -273,29 +308,70 @@ def rig(extracted: str) -> Iterator[Callable[..., Rig]]:
 
 
 @pytest.fixture(scope="session")
+def array_library(array_fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    with zipfile.ZipFile(array_fmu) as archive:
+        (name,) = (n for n in archive.namelist() if n.startswith(f"binaries/{host_target()}/"))
+        return Path(archive.extract(name, tmp_path_factory.mktemp("array")))
+
+
+@pytest.fixture(scope="session")
 def token() -> str:
-    return instantiation_token(load_table())
+    return instantiation_token("VibrationMotor")
+
+
+@pytest.fixture(scope="session")
+def array_token() -> str:
+    return instantiation_token("VibrationMotors")
 
 
 @pytest.fixture
-def instance(library: Path, token: str) -> Iterator[Callable[..., Instance]]:
+def instance(library, token, array_library, array_token) -> Iterator[Callable[..., Instance]]:
+    """Make an instance of a motor by its standard; or of an array of one, by "array"."""
     instances: list[Instance] = []
 
     def make(
-        fmi: int = 3,
+        kind: int | str = 3,
         token: str = token,
         logging: bool = True,
         library: Any = library,
         name: bytes | None = b"instance",
     ) -> Instance:
-        instances.append(Instance(library, token, fmi, logging, name))
-        return instances[-1]
+        if isinstance(kind, int):
+            made = Instance(library, token, kind, logging, name)
+        else:
+            given = array_token if token == own else token
+            at = array_library if library == one_motor else library
+            made = Instance(at, given, 3, logging, name, "VibrationMotors")
+        instances.append(made)
+        if kind == "array" and made.handle:
+            assert made.set_sizes(n=1) == OK
+        return made
 
+    own, one_motor = token, library
     yield make
     for each in instances:
         each.free()
 
 
+@pytest.fixture
+def array(instance) -> Callable[..., Instance]:
+    """Make an array of n motors."""
+
+    def make(n: int = 4, **options: Any) -> Instance:
+        made = instance("array of several", **options)
+        if n != int(made.variables["n"].attrib["start"]):
+            assert made.set_sizes(n=n) == OK, made.messages
+        made.n = n
+        return made
+
+    return make
+
+
 @pytest.fixture(params=[2, 3], ids=["fmi2", "fmi3"])
 def fmi(request: pytest.FixtureRequest) -> int:
+    return request.param
+
+
+@pytest.fixture(params=[2, 3, "array"], ids=["fmi2", "fmi3", "array"])
+def kind(request: pytest.FixtureRequest) -> int | str:
     return request.param

@@ -1,6 +1,6 @@
 """`python -m tests.judge --out DIR`: what validators and importers of others say of the FMUs."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from cosim.base.errors import run_command
+from fmus.models import MODELS, STANDARDS, Fmi
 from minirobots.runner import parse, print_json
 
 if TYPE_CHECKING:
@@ -41,56 +42,39 @@ class Judge:
 def judges(options: Judge) -> "list[Tool]":
     """All judges, also those that are not at hand."""
     from tests.judge import building, tools
+    from tests.judge.tools import Tool, package_version
 
-    def missing(option: str) -> str:
-        raise tools.UserError(f"name it with {option}")
+    def named(path: Path | None, option: str) -> Callable[[], str]:
+        def version() -> str:
+            if path is None:
+                raise tools.UserError(f"name it with {option}")
+            return building.version_in(path)
 
-    found = [
-        tools.Tool(
-            "fmpy, validator",
-            tools.package_version("fmpy"),
-            tools.validate_by_fmpy,
-            models=("VibrationMotor", "VibrationMotors"),
-        ),
-        tools.Tool("fmpy", tools.package_version("fmpy"), tools.simulate_by_fmpy),
-        tools.Tool("ecospy", tools.package_version("ecospy"), tools.simulate_in_process("ecospy")),
-        tools.Tool(
-            "libcosimpy",
-            tools.package_version("libcosimpy"),
-            tools.simulate_in_process("libcosimpy"),
-            ("2",),
-        ),
-    ]
-    folder = options.out / "judges"
-    fmusim = fmucheck = folder
-    if options.fmusim_src:
-        fmusim = building.build_fmusim(options.fmusim_src, folder)
-    if options.fmucheck_src:
-        fmucheck = building.build_fmucheck(options.fmucheck_src, folder / "fmucheck")
-    jar = options.vdmcheck_jar
+        return version
 
-    def require_option(path: Path | None, option: str) -> str:
-        return building.version_in(path) if path else missing(option)
-
+    folder, jar = options.out / "judges", options.vdmcheck_jar
+    sim, check = options.fmusim_src, options.fmucheck_src
+    fmusim = building.build_fmusim(sim, folder) if sim else folder
+    fmucheck = building.build_fmucheck(check, folder / "fmucheck") if check else folder
+    in_process = tools.simulate_in_process
     return [
-        *found,
-        tools.Tool(
-            "fmusim",
-            lambda: require_option(options.fmusim_src, "--fmusim-src"),
-            tools.simulate_by_fmusim(fmusim),
-        ),
-        tools.Tool(
+        Tool("fmpy, validator", package_version("fmpy"), tools.validate_by_fmpy, models=MODELS),
+        Tool("fmpy", package_version("fmpy"), tools.simulate_by_fmpy),
+        Tool("ecospy", package_version("ecospy"), in_process("ecospy")),
+        Tool("libcosimpy", package_version("libcosimpy"), in_process("libcosimpy"), ("2",)),
+        Tool("fmusim", named(sim, "--fmusim-src"), tools.simulate_by_fmusim(fmusim)),
+        Tool(
             "FMU Compliance Checker",
-            lambda: require_option(options.fmucheck_src, "--fmucheck-src"),
+            named(check, "--fmucheck-src"),
             tools.simulate_by_fmucheck(fmucheck),
             ("2",),
         ),
-        tools.Tool(
+        Tool(
             "VDMCheck",
-            lambda: require_option(jar, "--vdmcheck-jar"),
+            named(jar, "--vdmcheck-jar"),
             tools.validate_by_vdmcheck(jar or folder),
             ("3",),
-            ("VibrationMotor", "VibrationMotors"),
+            MODELS,
         ),
     ]
 
@@ -99,7 +83,6 @@ def artefacts(folder: Path) -> "list[Artefact]":
     """The FMUs of all models and standards, built for this machine."""
     from fmus.build import build_fmus
     from fmus.compiler import host_target
-    from fmus.models import MODELS, STANDARDS, Fmi
     from tests.judge.tools import Artefact
 
     found = []
@@ -110,21 +93,16 @@ def artefacts(folder: Path) -> "list[Artefact]":
     return found
 
 
+HEADER = ("tool", "version", "artefact", "says", "deviation")
+
+
 def rows_of(verdicts: "Sequence[Verdict]") -> list[tuple[str, ...]]:
     """The table of verdicts."""
-    return [
-        (
-            v.tool,
-            v.version or "–",
-            v.artefact,
-            v.says,
-            "–" if v.deviation is None else "0" if v.deviation == 0.0 else f"{v.deviation:.1e}",
-        )
-        for v in verdicts
-    ]
-
-
-HEADER = ("tool", "version", "artefact", "says", "deviation")
+    found = []
+    for v in verdicts:
+        deviation = "–" if v.deviation is None else f"{v.deviation:.1e}" if v.deviation else "0"
+        found.append((v.tool, v.version or "–", v.artefact, v.says, deviation))
+    return found
 
 
 def markdown(verdicts: "Sequence[Verdict]") -> str:

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 from cosim.base.errors import UserError
 from tests.judge.tools import run
@@ -24,15 +25,7 @@ def version_in(path: Path) -> str:
 
 
 def build_fmusim(sources: Path, folder: Path) -> Path:
-    """Compile fmusim from the sources of the Reference FMUs.
-
-    Args:
-        sources: their folder.
-        folder: that receives the program; made if missing.
-
-    Raises:
-        UserError: they are no such sources, or a library is missing.
-    """
+    """Compile fmusim from the sources of the Reference FMUs into a folder."""
     files = [str(path) for pattern in _FMUSIM for path in sorted(sources.glob(pattern))]
     if not (sources / "fmusim" / "fmusim.c").is_file():
         raise UserError(f"{sources} has no fmusim/fmusim.c; name sources of the Reference FMUs")
@@ -51,15 +44,7 @@ def build_fmusim(sources: Path, folder: Path) -> Path:
 
 
 def build_fmucheck(sources: Path, folder: Path) -> Path:
-    """Compile the FMU Compliance Checker by its own build, which fetches the FMI Library with git.
-
-    Args:
-        sources: its folder.
-        folder: of the build; made if missing.
-
-    Raises:
-        UserError: it does not build.
-    """
+    """Compile the FMU Compliance Checker by its own build, which fetches the FMI Library."""
     for tool in ("cmake", "make", "git"):
         if shutil.which(tool, path=os.defpath) is None:
             raise UserError(f"the FMU Compliance Checker is built with {tool}; install it")
@@ -67,16 +52,8 @@ def build_fmucheck(sources: Path, folder: Path) -> Path:
     # The system's tools: its CMake files are of 2.8, which CMake 4 of an environment is not.
     flags = {"CFLAGS": "-w -fcommon", "CXXFLAGS": "-w", "PATH": os.defpath}
     for command in (["cmake", str(sources.resolve())], ["make", "fmuCheck.linux64"]):
-        done = subprocess.run(
-            command,
-            cwd=folder,
-            env=os.environ | flags,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=_TIMEOUT_S,
-            errors="replace",
-        )
+        how: Any = {"capture_output": True, "errors": "replace", "timeout": _TIMEOUT_S}
+        done = subprocess.run(command, cwd=folder, env=os.environ | flags, check=False, **how)
         if done.returncode:
             said = " ".join(done.stderr.split())[-200:]
             raise UserError(f"the FMU Compliance Checker does not build ({said}); see {folder}")

@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import fmpy
 import fmpy.validation
@@ -24,9 +24,7 @@ from fmus.models import Fmi, Model
 from tests.judge.experiment import INPUTS, OUTPUTS, STEP_S, STOP_S, reference_rows
 
 TIMEOUT_S = 120.0
-SAME = (
-    1e-9  # largest deviation that passes; the algorithm is the same, the bits of times need not be
-)
+SAME = 1e-9  # largest deviation that passes; the bits of times need not be the same
 _TOLD = 200  # characters of what a tool said
 
 
@@ -44,40 +42,24 @@ class Artefact(NamedTuple):
 
 
 class Verdict(msgspec.Struct, frozen=True):
-    """What a judge says of an FMU.
-
-    Attributes:
-        tool: name.
-        version: of the tool, empty if it is not at hand.
-        artefact: model and standard.
-        says: as text: "valid", "not at hand: …", or what is wrong.
-        deviation: largest of all outputs from the reference results, relative to the largest value
-            of that output; None where nothing was simulated.
-        agrees: whether the FMU passes; None if nobody was asked.
-    """
+    """What a judge says of an FMU."""
 
     tool: str
-    version: str
-    artefact: str
-    says: str
+    version: str  # of the tool, empty if it is not at hand
+    artefact: str  # model and standard
+    says: str  # "valid", "not at hand: …", or what is wrong
+    # Largest of all outputs from the reference results, relative to the largest value of that
+    # output; None where nothing was simulated
     deviation: float | None
-    agrees: bool | None
+    agrees: bool | None  # whether the FMU passes; None if no tool was asked
 
 
 class Tool(NamedTuple):
-    """A judge.
-
-    Attributes:
-        name: of the tool.
-        version: of it; raises UserError if the tool is not at hand.
-        judge: outputs after every step, shape (steps, outputs), or a list of problems of a
-            validator.
-        standards: that it knows.
-        models: that it is asked about.
-    """
+    """A judge."""
 
     name: str
-    version: Callable[[], str]
+    version: Callable[[], str]  # raises UserError if the tool is not at hand
+    # Outputs after every step, shape (steps, outputs), or a list of problems of a validator
     judge: Callable[[Artefact], "np.ndarray | list[str]"]
     standards: tuple[Fmi, ...] = ("2", "3")
     models: tuple[Model, ...] = ("VibrationMotor",)
@@ -92,13 +74,11 @@ def ask(tool: Tool, artefact: Artefact) -> Verdict:
     try:
         known = tool.version()
     except UserError as error:
-        says = f"not at hand: {error}"
-        return Verdict(tool.name, "", artefact.name, says, None, None)
+        return Verdict(tool.name, "", artefact.name, f"not at hand: {error}", None, None)
     try:
         found = tool.judge(artefact)
     except (UserError, OSError, ValueError, subprocess.TimeoutExpired) as error:
-        says = f"failed: {error}"
-        return Verdict(tool.name, known, artefact.name, says, None, False)
+        return Verdict(tool.name, known, artefact.name, f"failed: {error}", None, False)
     if isinstance(found, list):
         says = "; ".join(found) or "valid"
         return Verdict(tool.name, known, artefact.name, says, None, not found)
@@ -108,11 +88,7 @@ def ask(tool: Tool, artefact: Artefact) -> Verdict:
 
 
 def deviation_of(found: np.ndarray) -> float:
-    """Largest deviation of an output, relative to its largest value.
-
-    Raises:
-        ValueError: there are more or fewer rows, or outputs.
-    """
+    """Largest deviation of an output, relative to its largest value."""
     expected = reference_rows()
     if found.shape != expected.shape:
         raise ValueError(f"{found.shape[0]} rows of {found.shape[1]} outputs")
@@ -139,13 +115,8 @@ def validate_by_fmpy(artefact: Artefact) -> list[str]:
 
 def simulate_by_fmpy(artefact: Artefact) -> np.ndarray:
     """Outputs by `fmpy.simulate_fmu`."""
-    result = fmpy.simulate_fmu(
-        str(artefact.path),
-        stop_time=STOP_S,
-        output_interval=STEP_S,
-        start_values=dict(INPUTS),
-        output=OUTPUTS,
-    )
+    how: Any = {"stop_time": STOP_S, "output_interval": STEP_S, "output": OUTPUTS}
+    result = fmpy.simulate_fmu(str(artefact.path), start_values=dict(INPUTS), **how)
     return np.array([result[name] for name in OUTPUTS]).T[1:]
 
 
@@ -169,9 +140,8 @@ def simulate_by_fmusim(program: Path) -> Callable[[Artefact], np.ndarray]:
             options += ["--start-value", name, repr(value)]
         for name in OUTPUTS:
             options += ["--output-variable", name]
-        return _from_file(
-            lambda out: [str(program), *options, "--output-file", out, str(artefact.path)]
-        )
+        line = [str(program), *options, "--output-file"]
+        return _from_file(lambda out: [*line, out, str(artefact.path)])
 
     return judge
 
@@ -202,11 +172,7 @@ def validate_by_vdmcheck(jar: Path) -> Callable[[Artefact], list[str]]:
 
 
 def run(command: Sequence[str]) -> str:
-    """What a tool prints.
-
-    Raises:
-        ValueError: it failed; the message is the end of what it said.
-    """
+    """What a tool prints; raises ValueError with the end of what it said if it failed."""
     done = subprocess.run(
         command, capture_output=True, text=True, check=False, timeout=TIMEOUT_S, errors="replace"
     )

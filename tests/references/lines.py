@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.world import draw_world
 from cosim.onboard.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
@@ -16,23 +16,15 @@ PERIODS = 200  # simulated at a time
 
 
 class Runs(NamedTuple):
-    """Results of N robots on a line; arrays of shape (N,).
+    """Results of N robots on a line; arrays of shape (N,)."""
 
-    Attributes:
-        duration_s: until the end of the line, infinite beyond the limit.
-        path_error_m: largest distance from the line while driving.
-        final_error_m: distance from the line at its end.
-        overshoot_m: how far beyond its end the robot came to rest.
-        heading_error_rad: angle between the robot's axis and the line at the end.
-        turn_overshoot_rad: how far the heading passed the course (towards the line, or its end)
-            while turning, or within half a second after.
-    """
-
-    duration_s: np.ndarray
-    path_error_m: np.ndarray
-    final_error_m: np.ndarray
-    overshoot_m: np.ndarray
-    heading_error_rad: np.ndarray
+    duration_s: np.ndarray  # until the end of the line, infinite beyond the limit
+    path_error_m: np.ndarray  # largest distance from the line while driving
+    final_error_m: np.ndarray  # distance from the line at its end
+    overshoot_m: np.ndarray  # how far beyond its end the robot came to rest
+    heading_error_rad: np.ndarray  # angle between the robot's axis and the line at the end
+    # How far the heading passed the course (towards the line, or its end) while turning, or within
+    # half a second after
     turn_overshoot_rad: np.ndarray
 
 
@@ -42,8 +34,6 @@ def drive_line(
     """Let robots drive along +x, from a heading that is off by an angle to either side.
 
     Args:
-        fmu: of the motors.
-        config: of the co-simulation; its world's motor spread is drawn.
         length_m: of the line.
         angle_rad: between line and robot at the start, below a right angle.
         robots: how many; every second one looks backwards.

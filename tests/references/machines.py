@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.machine.identification.simulated import machine
 from cosim.machine.identification.track import FRAME_RATE_HZ, HOLD_S, SEQUENCE, SeenTrack
 from cosim.model.config import CoSimConfig

@@ -22,21 +22,11 @@ FRICTION_TO_NORMAL = 100.0
 
 
 def robots_mjcf(
-    robot: RobotParams,
-    motor: MotorParams,
-    positions_m: Sequence[tuple[float, float]],
-    dt_s: float,
+    robot: RobotParams, motor: MotorParams, positions_m: Sequence[tuple[float, float]], dt_s: float
 ) -> str:
     """MuJoCo XML model of robots at rest on the floor, heading along x.
 
-    Args:
-        robot: geometry, mass and friction.
-        motor: for gravity.
-        positions_m: (x, y) of every robot.
-        dt_s: time step.
-
-    Returns:
-        XML text. Every robot has a free joint and the actuators (f_X, f_Y, f_Z, n_X, n_Y, n_Z).
+    Every robot has a free joint and the actuators (f_X, f_Y, f_Z, n_X, n_Y, n_Z).
     """
     contact = (
         f'solref="{CONTACT_STEPS * dt_s!r} 1" solimp="{IMPEDANCE} {IMPEDANCE} 1e-6" condim="3" '

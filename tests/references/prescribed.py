@@ -24,12 +24,7 @@ _ONE = width_of(1)
 
 
 class Drive(NamedTuple):
-    """Constant motor speeds and starting angles.
-
-    Attributes:
-        omega_d, omega_e: speeds of motors D and E in rad/s.
-        theta_d, theta_e: their angles in rad at t = 0.
-    """
+    """Constant speeds of motors D and E in rad/s, and their angles in rad at t = 0."""
 
     omega_d: float
     omega_e: float
@@ -38,12 +33,7 @@ class Drive(NamedTuple):
 
 
 class Rig(NamedTuple):
-    """A robot's equations of motion and its two motors.
-
-    Attributes:
-        body: constants of the equations of motion.
-        mount_d, mount_e: motors D and E.
-    """
+    """Constants of a robot's equations of motion, and of its motors D and E."""
 
     body: BodyParams
     mount_d: MotorMount
@@ -51,29 +41,18 @@ class Rig(NamedTuple):
 
 
 class MeanMotion(NamedTuple):
-    """Time averages of a motion.
+    """Time averages of a motion."""
 
-    Attributes:
-        forward_m_s, lateral_m_s: velocity of the centre of mass along the robot's heading and to
-            the left of it, in m/s.
-        yaw_rate_rad_s: in rad/s, counter-clockwise positive.
-        least_normal_n: smallest normal force of any foot in N.
-        airborne_share: share of time in which no foot touched the floor.
-    """
-
+    # Velocity of the centre of mass along the robot's heading and to the left of it
     forward_m_s: float
     lateral_m_s: float
-    yaw_rate_rad_s: float
-    least_normal_n: float
-    airborne_share: float
+    yaw_rate_rad_s: float  # counter-clockwise positive
+    least_normal_n: float  # of any foot
+    airborne_share: float  # of the time
 
 
 def rig(
-    robot: RobotParams,
-    motor: MotorParams,
-    dt_s: float,
-    *,
-    tolerance: float = CONTACT_TOLERANCE,
+    robot: RobotParams, motor: MotorParams, dt_s: float, *, tolerance: float = CONTACT_TOLERANCE
 ) -> Rig:
     """Constants of a robot with its motors D and E; arguments as of `body_params`."""
     return Rig(body_params(robot, motor, dt_s, tolerance=tolerance), *motor_mounts(robot, motor))
@@ -110,8 +89,6 @@ def drive_body(
 
     Args:
         state: shape (STATE_SIZE,), layout in `cosim.physics.body_state`.
-        rig: constants.
-        drive: motor speeds and angles.
         first_tick: ticks done before; time is an integer, so that no rounding accumulates.
         ticks: to do, at least 1.
         means: shape (5,), the fields of `MeanMotion`, overwritten.
@@ -162,15 +139,8 @@ def mean_motion(
 ) -> MeanMotion:
     """Mean velocity and yaw rate of a robot that starts at rest with its motors at full speed.
 
-    Args:
-        robot: geometry and friction.
-        motor: eccentric masses.
-        drive: motor speeds and angles.
-        dt_s: step in s.
-        settle_s: time before the averages begin, s.
-        duration_s: time over which they are taken, s, rounded to whole turns of the faster motor:
-            within a turn the robot moves back and forth by more than it gains.
-        tolerance: of the contact sweeps, see `cosim.physics.properties.body_params`.
+    The averages begin after `settle_s`, over whole turns of the faster motor: within a turn the
+    robot moves back and forth by more than it gains.
     """
     constants = rig(robot, motor, dt_s, tolerance=tolerance)
     state = standing_state(robot, 0.0, 0.0, 0.0)

@@ -11,8 +11,7 @@ from cosim.base.plotting import BLUE, GREEN, VERMILION, styled
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing, write_json, write_whole
 from cosim.base.table import Column, field, format_value, markdown
-from cosim.coupling.fmu import MotorFmu
-from cosim.coupling.parameters import with_motor
+from cosim.fmi.motor import MotorFmu, with_motor
 from cosim.machine.identification.fit import QUANTILE, UNKNOWN, Fit, fit, rises, unidentifiable
 from cosim.machine.identification.simulated import (
     NAMES,

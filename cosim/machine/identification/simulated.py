@@ -13,8 +13,8 @@ import numpy as np
 
 from cosim.base.jit import inlined, kernel
 from cosim.coupling.assembly import Motors, SpeedNoise
-from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.signals import MOTORS
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II, MotorParams, RobotParams
 from cosim.physics.body import stepped

@@ -9,7 +9,7 @@ import numpy as np
 from cosim.calibration.measuring import AHEAD, AIRBORNE, TURNING, Point, measure_batch
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.machine.platform.motion import (
     drift_speed,
     lift_off_speed,

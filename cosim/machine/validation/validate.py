@@ -13,9 +13,8 @@ from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import cache_dir, is_intact, require_cache, write_checksum, write_json
-from cosim.calibration.cache import calibrated
-from cosim.coupling.fmu import MotorFmu
-from cosim.coupling.parameters import with_motor
+from cosim.calibration.measuring import calibrated
+from cosim.fmi.motor import MotorFmu, with_motor
 from cosim.machine.validation.driving import (
     MeasuredSpeed,
     closed_form,

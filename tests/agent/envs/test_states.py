@@ -21,7 +21,7 @@ from agent.envs.vector import RobotsVectorEnv
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
-from cosim.coupling import fmu
+from cosim.fmi.fmu import FmuError
 from cosim.model.outcome import TIMEOUT
 from cosim.model.scenario import Scenario
 
@@ -131,7 +131,7 @@ def test_an_fmu_that_cannot_save_its_state_is_named(monkeypatch):
     env.reset(seed=0)
     motor = env._boards._batch._motors.array
     monkeypatch.setattr(motor.fmu.interface, "canSerializeFMUstate", False)
-    with pytest.raises(fmu.FmuError, match=r"fmu cannot save its state.*canSerializeFMUState"):
+    with pytest.raises(FmuError, match=r"fmu cannot save its state.*canSerializeFMUState"):
         copy.deepcopy(env)
     env.close()
 

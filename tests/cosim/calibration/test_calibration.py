@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import UserError
-from cosim.calibration.cache import calibrated, calibrated_slower, digest, find_calibration
+from cosim.calibration.measuring import calibrated, calibrated_slower, digest, find_calibration
 from cosim.calibration.speed_map import MANOEUVRES, Calibration, load_calibration
 from cosim.calibration.trial import Trial, heading_angles
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.model.world import World
@@ -81,19 +81,13 @@ def test_motor_speeds_realise_a_motion(calibration, motor_fmu, manoeuvre, speed_
     assert np.rad2deg(yaw).mean() == pytest.approx(yaw_deg_s, rel=0.1, abs=0.3)
 
 
-def test_speeds_that_need_hopping_are_refused_with_the_largest_possible(calibration):
+def test_speeds_that_need_hopping_are_refused_or_the_largest_possible(calibration):
     fast = CoSimConfig(steering=STEERING._replace(drive_speed_m_s=0.006))
     with pytest.raises(UserError, match=r"6 mm/s .* largest .* 4\.\d\d mm/s"):
         calibration.resolved(fast)
-
-
-def test_robots_that_only_turn_by_hopping_are_refused(calibration):
     wrong = replace(calibration, yaw_rate_rad_s=-calibration.yaw_rate_rad_s)
     with pytest.raises(UserError, match=r"diameter_m = 0\.05 hop at every .* turns them"):
         wrong.resolved(CoSimConfig())
-
-
-def test_turns_as_fast_as_possible_where_the_desired_rate_needs_hopping(calibration):
     eager = CoSimConfig(steering=STEERING._replace(turn_rate_rad_s=9.0))
     turn = calibration.resolved(eager).steering.turn_speed_rad_s
     assert turn == pytest.approx(calibration.hop_free_rad_s, rel=0.01)

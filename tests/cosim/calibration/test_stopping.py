@@ -7,11 +7,16 @@ import pytest
 
 from cosim.base.errors import UserError
 from cosim.base.storage import CACHE, cache_dir
-from cosim.calibration import stopping
-from cosim.calibration.shielding import with_stopping_distance
-from cosim.calibration.stopping import RESERVE, bound_of, corners, path_diameter, stopping_paths
-from cosim.coupling.fmu import MotorFmu
-from cosim.coupling.parameters import with_motor
+from cosim.calibration import shielding
+from cosim.calibration.shielding import (
+    RESERVE,
+    bound_of,
+    corners,
+    path_diameter,
+    stopping_paths,
+    with_stopping_distance,
+)
+from cosim.fmi.motor import MotorFmu, with_motor
 from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD
 from cosim.model.world import Patch, Sensor, World
@@ -30,7 +35,7 @@ def quick(monkeypatch, tmp_path):
         (tmp_path / folder.name).symlink_to(folder, target_is_directory=True)
     monkeypatch.setenv(CACHE, str(tmp_path))
     for name, count in (("ROBOTS", 32), ("TRIALS", 1), ("ROUNDS", 8)):
-        monkeypatch.setattr(stopping, name, count)
+        monkeypatch.setattr(shielding, name, count)
 
 
 @pytest.mark.long
@@ -160,7 +165,7 @@ def test_the_motors_of_a_user_are_those_that_are_measured(
 ):
     """With their parameters, and with those that their file has, also where it can set none."""
     for name, count in (("ROBOTS", 4), ("ROUNDS", 2)):
-        monkeypatch.setattr(stopping, name, count)
+        monkeypatch.setattr(shielding, name, count)
 
     def sluggish(root):
         for variable in root.iter("Float64"):

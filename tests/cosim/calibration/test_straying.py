@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.calibration import stopping, straying
+from cosim.calibration import shielding, straying
 from cosim.calibration.shielding import with_stopping_distance
 from cosim.calibration.straying import NOISE_DEVIATIONS, bias_of, drive_about
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import ESTIMATOR, EstimatorParams
 from cosim.model.world import Patch, Sensor, World
@@ -75,7 +75,7 @@ def test_other_robots_have_no_larger_bias(world):
 
 @pytest.mark.long
 def test_errors_are_measured_with_the_filter_of_the_robots(motor_fmu, quick, monkeypatch):
-    monkeypatch.setattr(stopping, "TRIALS", 1)
+    monkeypatch.setattr(shielding, "TRIALS", 1)
     own = EstimatorParams(1.5 * ESTIMATOR.position_drift_m2_s, settle_s=0.2)
     config = CoSimConfig(world=World(sensor=CAMERA), estimator=own)
     found = with_stopping_distance(config, motor_fmu).estimator

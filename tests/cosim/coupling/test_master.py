@@ -9,52 +9,24 @@ import numpy as np
 import pytest
 from fmpy.fmi3 import FMU3Slave
 
-from cosim.coupling.assembly import Motors, robot_properties
-from cosim.coupling.fmu import FmuError, MotorFmu
+from cosim.coupling.assembly import Motors, new_plant, robot_properties
 from cosim.coupling.master import CompiledDriver, FmpyDriver, ReferenceDriver
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
+from cosim.fmi.fmu import FmuError
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
-from cosim.model.params import ESTIMATOR, SHIELD, STEERING, TABLE_I, TABLE_II, TIMING
-from cosim.onboard.steering import (
-    DIRECT,
-    DIRECTION,
-    GOAL_X,
-    MODE,
-    OMEGA_D,
-    OMEGA_E,
-    START,
-)
+from cosim.model.params import STEERING, TABLE_I, TABLE_II
+from cosim.onboard.steering import DIRECT, DIRECTION, GOAL_X, MODE, OMEGA_D, OMEGA_E, START
 from cosim.physics.body_state import standing_state
-from cosim.physics.collision import PairParams
-from cosim.physics.forces import motor_mounts
 from cosim.physics.lanes import host_lanes
-from cosim.physics.properties import body_params
 
 PERIODS, ROBOTS = 200, 2
 
 
 def plant_with(**changes) -> Plant:
-    plant = Plant(
-        ROBOTS,
-        body_params(TABLE_I, TABLE_II, TIMING.dt_s),
-        *motor_mounts(TABLE_I, TABLE_II),
-        STEERING,
-        ESTIMATOR,
-        SHIELD,
-        False,  # not shielded
-        PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots, near=2e-3),
-        end_on_collision=True,
-        ticks_per_period=100,
-        ticks_per_step=1,
-        reaction=False,
-        open_loop=False,
-        volts_per_speed=0.0,
-        friction_volts=0.0,
-        portable=False,
-    )
-    return plant._replace(**changes)
+    return new_plant(CoSimConfig(), ROBOTS, end_on_collision=True)._replace(**changes)
 
 
 def new_motors(motor_fmu, columns, robots=ROBOTS, *, sampled=False, ticks_per_step=1):
@@ -121,10 +93,8 @@ def advance(
     if broken_period is not None:
         speeds[broken_period, 0, 0] = np.nan
     samples, raw = new_samples(periods, columns), new_raw_samples(1000, columns)
-    if driver == "reference":
-        chosen = ReferenceDriver(motors)
-    else:
-        chosen = (FmpyDriver if driver == "fmpy" else CompiledDriver)(motors, lanes)
+    kinds = {"reference": ReferenceDriver, "fmpy": FmpyDriver}
+    chosen = kinds.get(driver, CompiledDriver)(motors, lanes)
     chosen.advance(plant_with(**changes), state, speeds, samples, raw)
     motors.close()
     done = int(state.periods[0])
@@ -147,14 +117,8 @@ def visible(state):
 
 def same(first, second):
     """Whether two results of `advance` agree in every bit."""
-    return first[0] == second[0] and all(
-        np.array_equal(a, b)
-        for one, other in (
-            (first[1].values(), second[1].values()),
-            *zip(first[2:], second[2:], strict=True),
-        )
-        for a, b in zip(one, other, strict=True)
-    )
+    one, other = ((*r[1].values(), *r[2], *r[3]) for r in (first, second))
+    return first[0] == second[0] and all(map(np.array_equal, one, other))
 
 
 @pytest.mark.parametrize(
@@ -189,21 +153,19 @@ def test_any_number_of_lanes_gives_the_same_bits(array_fmu, lanes, how):
     assert same(advance(array_fmu, lanes, **how), reference)
 
 
-def test_the_reference_driver_steps_arrays(motor_fmu, array_fmu):
-    single, arrays = (advance(f, "reference", periods=20) for f in (motor_fmu, array_fmu))
-    assert same(single, arrays)
-
-
-def test_runs_repeat_in_every_bit(motor_fmu):
-    first, second = (advance(motor_fmu, 2) for _ in range(2))
+def test_runs_repeat_in_every_bit(motor_fmu, array_fmu):
+    first, second = (advance(motor_fmu, 2, periods=20) for _ in range(2))
     assert same(first, second)
-    assert not same(first, advance(motor_fmu, 2, noise=0.041))
+    assert same(first, advance(array_fmu, "reference", periods=20))
+    assert not same(first, advance(motor_fmu, 2, periods=20, noise=0.041))
 
 
 @pytest.mark.parametrize("driver", [2, "reference", "fmpy"])
-def test_collision_ends_the_advance(array_fmu, driver):
-    progress, *_ = advance(array_fmu, driver, gap_m=0.0499)
-    assert progress == (1, COLLISION)
+def test_collisions_end_the_advance_and_leaving_the_board_outranks_them(array_fmu, driver):
+    assert advance(array_fmu, driver, gap_m=0.0499)[0] == (1, COLLISION)
+    progress, state, *_ = advance(array_fmu, driver, gap_m=0.0499, board_x=0.07)
+    assert progress == (1, OUT_OF_BOARD)
+    assert state["events"].tolist() == [COLLISION, OUT_OF_BOARD]
 
 
 @pytest.mark.parametrize("driver", [2, "reference"])
@@ -251,13 +213,6 @@ def test_a_centre_where_it_is_forbidden_ends_the_episode_in_every_driver(motor_f
     assert samples.position[-2, 0, 0] < ahead[0] <= samples.position[-1, 0, 0]
     on = advance(motor_fmu, 2, forbidden=ahead, end_on_collision=False, **straight)
     assert on[0] == (60, RUNNING)
-
-
-@pytest.mark.parametrize("driver", [2, "reference", "fmpy"])
-def test_leaving_the_board_outranks_a_collision_as_on_the_grid(array_fmu, driver):
-    progress, state, *_ = advance(array_fmu, driver, gap_m=0.0499, board_x=0.07)
-    assert progress == (1, OUT_OF_BOARD)
-    assert state["events"].tolist() == [COLLISION, OUT_OF_BOARD]
 
 
 @pytest.mark.parametrize("driver", [2, "reference"])
@@ -363,15 +318,8 @@ def test_reaction_of_the_body_is_small(motor_fmu):
 
 
 def test_touching_robots_push_each_other_on(motor_fmu):
-    progress, state, samples, _ = advance(
-        motor_fmu,
-        2,
-        gap_m=0.0501,
-        heading=0.0,
-        head_on=True,
-        end_on_collision=False,
-        periods=500,
-    )
+    how: Any = {"gap_m": 0.0501, "heading": 0.0, "head_on": True, "end_on_collision": False}
+    progress, state, samples, _ = advance(motor_fmu, 2, periods=500, **how)
     assert progress[0] == 500
     assert samples.touching_share.max() > 0.0
     distance = np.linalg.norm(samples.position[:, 0, :2] - samples.position[:, 1, :2], axis=1)
@@ -418,18 +366,11 @@ def test_an_episode_depends_on_nobody_in_its_batch(fmu, request):
         alone, own = new_state(3, ROBOTS, 6), new_motors(motor_fmu, 6)
         alone.boards[:] = 0.3
         begin(alone, own, 2, gap)
-        for column in (4, 5):
-            alone.bodies[:, column] = standing_state(
-                TABLE_I, 0.05 + gap * (column - 4), 0.15, 0.1 * place
-            )
+        for robot in range(ROBOTS):
+            put_down(alone, 4 + robot, 0.05 + gap * robot, 0.1 * place)
+        room = new_samples(periods, 6), new_raw_samples(0, 6)
         for k in range(first, 3):
-            CompiledDriver(own, 2).advance(
-                plant,
-                alone,
-                speeds[k][:, :6].copy(),
-                new_samples(periods, 6),
-                new_raw_samples(0, 6),
-            )
+            CompiledDriver(own, 2).advance(plant, alone, speeds[k][:, :6].copy(), *room)
         columns = slice(ROBOTS * place, ROBOTS * place + ROBOTS)
         assert np.array_equal(alone.bodies[:, 4:], state.bodies[:, columns])
         assert np.array_equal(alone.outputs[:, 4:], state.outputs[:, columns])

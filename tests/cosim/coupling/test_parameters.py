@@ -1,5 +1,6 @@
 """Parameters of motor FMUs: what is shown is what the FMU has."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -7,17 +8,16 @@ import pytest
 
 from cosim.base.arguments import ConfigError
 from cosim.base.provenance import digest_of
-from cosim.coupling.fmu import FmuError, MotorFmu
-from cosim.coupling.parameters import with_motor
+from cosim.fmi.fmu import FmuError
+from cosim.fmi.motor import MotorFmu, with_motor
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II, MotorParams
 from cosim.model.scenario import Scenario
 from cosim.model.world import World
 from cosim.simulation.batch import DRIVERS
 from cosim.simulation.options import Physics, SimulationOptions
-from fmus import build
+from fmus import models
 from fmus.build import build_fmu, is_built_in
-from fmus.variables import load_table
 from tests.alone import CoSimulation
 
 HEAVY = 2.0 * TABLE_II.J
@@ -27,11 +27,15 @@ ONE = Scenario("one", "", ((5, 5),), (((15, 15),),))
 @pytest.fixture(scope="session")
 def heavy_fmu(tmp_path_factory):
     """A user's motor: the built-in one with another inertia of its own."""
-    table = load_table("VibrationMotor")
-    variables = tuple(replace(v, start=HEAVY) if v.name == "J" else v for v in table.variables)
+    folder = tmp_path_factory.mktemp("heavy")
+    sources = shutil.copytree(models.ROOT, folder / "sources")
+    description = sources / "vibration_motor" / "VibrationMotor.xml"
+    text = description.read_text()
+    assert text.count(f'start="{TABLE_II.J!r}"') == 1
+    description.write_text(text.replace(f'start="{TABLE_II.J!r}"', f'start="{HEAVY!r}"'))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "load_table", lambda _: replace(table, variables=variables))
-        return build_fmu(tmp_path_factory.mktemp("heavy"), "VibrationMotor")
+        patch.setattr(models, "ROOT", sources)
+        return build_fmu(folder, "VibrationMotor")
 
 
 @pytest.fixture

@@ -8,7 +8,8 @@ from pathlib import Path
 import fmpy
 import pytest
 
-from cosim.coupling.fmu import FmuError, MotorFmu
+from cosim.fmi.fmu import FmuError
+from cosim.fmi.motor import Motor, MotorFmu
 
 LIBRARY = f"binaries/{fmpy.platform_tuple}/VibrationMotor{fmpy.sharedLibraryExtension}"
 
@@ -59,7 +60,7 @@ def test_only_what_a_run_needs_is_unpacked(archive, cache):
     path = archive(
         ("resources/table.csv", b"1"), ("documentation/a.html", b""), ("binaries/other/b.so", b"")
     )
-    MotorFmu(path).instantiate("m").close()
+    Motor(MotorFmu(path), "m").close()
     assert unpacked(cache).keys() == {"modelDescription.xml", LIBRARY, "resources/table.csv"}
 
 
@@ -75,7 +76,7 @@ def test_what_a_killed_process_left_is_replaced(motor_fmu, cache):
     (folder,) = (path for path in (cache / "unpacked").iterdir() if path.is_dir())
     folder.rename(folder.with_suffix(".part"))
     (folder.with_suffix(".part") / "modelDescription.xml").write_text("cut")
-    MotorFmu(motor_fmu).instantiate("m").close()
+    Motor(MotorFmu(motor_fmu), "m").close()
     assert unpacked(cache).keys() == {"modelDescription.xml", LIBRARY}
 
 
@@ -83,14 +84,14 @@ def test_several_unpack_at_once(motor_fmu, cache):
     with ThreadPoolExecutor(8) as threads:
         fmus = list(threads.map(MotorFmu, [motor_fmu] * 16))
     assert len({fmu.folder for fmu in fmus}) == 1
-    fmus[0].instantiate("m").close()
+    Motor(fmus[0], "m").close()
     assert unpacked(cache).keys() == {"modelDescription.xml", LIBRARY}
 
 
 def test_cache_may_be_given_relative_to_the_working_directory(motor_fmu, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MINIROBOTS_CACHE", "here")
-    MotorFmu(motor_fmu).instantiate("m").close()
+    Motor(MotorFmu(motor_fmu), "m").close()
 
 
 @pytest.mark.parametrize(("begin", "separator"), [("./", "/"), ("", "\\")])
@@ -99,7 +100,7 @@ def test_names_may_begin_with_a_dot_or_have_backslashes(motor_fmu, tmp_path, beg
     with zipfile.ZipFile(motor_fmu) as source, zipfile.ZipFile(path, "w") as target:
         for name in source.namelist():
             target.writestr(begin + name.replace("/", separator), source.read(name))
-    MotorFmu(path).instantiate("m").close()
+    Motor(MotorFmu(path), "m").close()
 
 
 @pytest.mark.parametrize("name", ["resources/../../../evil", "/evil", "..\\evil"])

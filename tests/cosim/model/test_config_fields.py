@@ -7,9 +7,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from cosim.calibration.cache import digest
-from cosim.calibration.measuring import Point, measure_batch
-from cosim.coupling.fmu import MotorFmu
+from cosim.calibration.measuring import Point, digest, measure_batch
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD
 from cosim.model.world import Patch, Sensor, World

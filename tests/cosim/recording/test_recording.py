@@ -15,9 +15,9 @@ from rerun.chunk import RrdReader
 
 from cosim.base.errors import FileError, UserError
 from cosim.coupling.assembly import SpeedNoise
-from cosim.coupling.fmu import FmuError
 from cosim.coupling.rl_step import Decision, Step
 from cosim.coupling.signals import RawSamples, Samples, new_raw_samples, new_samples
+from cosim.fmi.fmu import FmuError
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import Outcome
 from cosim.model.params import TIMING

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.signals import Samples, new_samples
+from cosim.fmi.motor import Motor, MotorFmu
 from cosim.model.params import SPEED_NOISE, STEERING, TIMING
 from cosim.simulation.measures import PATH_SAMPLING_S, Measures, _add
 
@@ -124,17 +124,17 @@ def test_neither_layout_nor_neighbours_decide_a_bit():
 
 def test_energy_at_the_control_period_is_nearly_that_of_every_tick(motor_fmu):
     """A real motor under noise: the ends of control periods miss some per cent, never add any."""
-    motor = MotorFmu(motor_fmu).instantiate("m")
+    motor = Motor(MotorFmu(motor_fmu), "m")
     dt, ticks = TIMING.dt_s, round(TIMING.control_period_s / TIMING.dt_s)
     noise = np.random.default_rng(0).uniform(-1.0, 1.0, 300)
     noise *= SPEED_NOISE.relative_amplitude * STEERING.forward_speed_rad_s
     samples, at_ticks = new_samples(len(noise), 1), 0.0
     for period, value in enumerate(noise):
         tick = period * ticks
-        motor.set_inputs(np.array([STEERING.forward_speed_rad_s, value, 0.0]), tick, dt)
+        motor.set(motor.fmu.inputs, np.array([STEERING.forward_speed_rad_s, value, 0.0]))
         for k in range(ticks):
-            motor.step(tick + k, 1, dt)
-            voltage, current, *_ = motor.electrical(tick + k + 1, dt)
+            motor.step((tick + k) * dt, dt)
+            voltage, current, *_ = motor.get(motor.fmu.electrical)
             at_ticks += max(voltage * current, 0.0) * dt
             # the last tick of the period stays
             samples.voltage[period, 0, 0], samples.current[period, 0, 0] = voltage, current

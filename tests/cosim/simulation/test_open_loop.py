@@ -8,7 +8,8 @@ import pytest
 import cosim
 from cosim.base.arguments import ConfigError
 from cosim.calibration.trial import Trial
-from cosim.coupling.fmu import FmuError, MotorFmu
+from cosim.fmi.fmu import FmuError
+from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig, Loop
 from cosim.model.preset import find_preset
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E

@@ -11,9 +11,8 @@ import pytest
 
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
-from cosim.coupling.calls import do_step
-from cosim.coupling.fmu import MotorFmu
-from cosim.fmi.abi import exchange_3
+from cosim.fmi.calls import do_step, exchange
+from cosim.fmi.motor import Motor, MotorFmu
 from fmus.build import build_fmus, cached_fmu
 from fmus.compiler import host_target
 from fmus.models import Fmi
@@ -57,16 +56,16 @@ def step_through(instance, step_function, get_function, references, rows, step_s
         status = max(status, do_step(step_function, instance, k * step_s, step_s))
         value = rows.ctypes.data + 8 * k * rows.shape[1]
         where, count = references.ctypes.data, rows.shape[1]
-        status = max(status, exchange_3(get_function, (instance, where, count, value, count)))
+        status = max(status, exchange(get_function, (instance, where, count, value, count)))
     return status
 
 
 def test_references_are_what_the_co_simulation_gets():
-    motor = MotorFmu(cached_fmu("VibrationMotor")).instantiate("motor", INPUTS)
-    rows, functions = np.empty((STEPS, 5)), motor.addresses
+    motor = Motor(MotorFmu(cached_fmu("VibrationMotor")), "motor", INPUTS)
+    rows, functions = np.empty((STEPS, 5)), motor.functions
     numbers = np.concatenate([motor.fmu.outputs, motor.fmu.electrical]).astype(np.uint32)
     step, get = functions.do_step, functions.get_float64
-    assert step_through(motor.instance, step, get, numbers, rows, STEP_S) == 0
+    assert step_through(motor.address, step, get, numbers, rows, STEP_S) == 0
     motor.close()
     assert rows[-1, 1] > 650.0
     assert (rows == reference_rows()).all()

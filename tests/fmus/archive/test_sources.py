@@ -17,12 +17,18 @@ import numpy as np
 import pytest
 import ziglang
 
+from fmus import compiler
 from fmus.compiler import fmi_headers
+from fmus.description import render_header
 
 ZIG = [sys.executable, "-m", "ziglang"]
 # zig builds for the very processor, where a compiler may contract to fused multiply-adds. Without
 # optimisation it would add checks at runtime, and functions of its own with them.
-COMPILERS = {"zig": [*ZIG, "cc", "-O2"]} | ({"gcc": ["gcc"]} if shutil.which("gcc") else {})
+GCC = {"gcc": ["gcc"], "gcc -O2": ["gcc", "-O2"]} if shutil.which("gcc") else {}
+COMPILERS = {"zig": [*ZIG, "cc", "-O2"], **GCC}
+# Functions that the model description does not offer do not use their parameters; the last is zig's
+# own, with -S.
+WARNINGS = ["-Wall", "-Wextra", "-Wno-unused-parameter", "-Wno-unused-command-line-argument"]
 # fmpy's variant of the FMI 2 header leaves the prefix out; these are the standard's lines (2.0.5).
 FMPY_NAMES = "#define fmi2FullName(name) name"
 STANDARD_NAMES = """
@@ -37,15 +43,15 @@ STANDARD_NAMES = """
 
 
 @pytest.fixture(scope="module")
-def archive(fmus, tmp_path_factory) -> Callable[[int], Path]:
-    """A standard's archive, unpacked, with the headers of that standard alone in `headers`."""
+def archive(fmus, array_fmu, tmp_path_factory) -> Callable[[int | str], Path]:
+    """A kind's archive, unpacked, with the headers of its standard alone in `headers`."""
     folders = {}
-    for fmi, path in fmus.items():
-        folders[fmi] = folder = tmp_path_factory.mktemp(f"fmi{fmi}")
+    for kind, path in (fmus | {"array": array_fmu}).items():
+        folders[kind] = folder = tmp_path_factory.mktemp(f"fmi{kind}")
         with zipfile.ZipFile(path) as content:
             content.extractall(folder)
         (folder / "headers").mkdir()
-        for header in fmi_headers().glob(f"fmi{fmi}*.h"):
+        for header in fmi_headers().glob(f"fmi{2 if kind == 2 else 3}*.h"):
             text = header.read_text()
             if header.name == "fmi2Functions.h":
                 assert text.count(FMPY_NAMES) == 1
@@ -72,8 +78,29 @@ def run(*command: str | Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def trajectory_of_array(motors) -> bytes:
+    """Outputs through saturation, sticking, reversing, restarts, tuning, steps of all lengths."""
+    generator, rows, time_s = np.random.default_rng(5), [], 0.0
+    n = motors.n
+    motors.start(theta_start=generator.uniform(-3.0, 3.0, n), J=generator.uniform(2e-9, 4e-9, n))
+    for k, step_s in enumerate([1e-5] * 100 + [1e-3] * 100 + [2.5e-5] * 100):
+        if k % 20 == 0:
+            speeds = generator.choice([0.0, 700.0, -300.0, 6000.0], n)
+            noise = generator.uniform(-50.0, 50.0, n)
+            assert motors.set(omega_des=speeds, omega_noise=noise) == 0
+        if k % 70 == 30:
+            assert motors.set(restart=generator.integers(0, 2, n)) == 0
+            assert motors.set(K_T=generator.uniform(3e-4, 4e-4, n)) == 0
+        assert motors.do_step(time_s, step_s) == 0, motors.messages
+        time_s += step_s
+        rows.append(motors.get("theta", "omega", "omega_dot", "V_s", "i", "integral"))
+    return np.array(rows).tobytes() + motors.save()
+
+
 def trajectory(motor) -> bytes:
     """Outputs in half a second of co-simulation, through saturation, and the state at its end."""
+    if motor.n > 1:
+        return trajectory_of_array(motor)
     motor.start(omega_des=700.0, d=1e-6, solver=1 + motor.fmi % 2)
     rows = []
     for k in range(50):
@@ -84,12 +111,44 @@ def trajectory(motor) -> bytes:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("compiler", COMPILERS)
-def test_build_description_is_enough(archive, fmi, compiler, instance, tmp_path):
-    folder, built = archive(fmi), tmp_path / "built.so"
-    shared = [*COMPILERS[compiler], "-shared", "-fPIC", "-Werror"]
+@pytest.mark.parametrize("name", COMPILERS)
+def test_build_description_is_enough(archive, kind, name, instance, array, tmp_path):
+    folder, built = archive(kind), tmp_path / "built.so"
+    shared = [*COMPILERS[name], "-shared", "-fPIC", "-Werror", *WARNINGS]
     run(*shared, *arguments(folder), "-Wl,--no-undefined", "-o", built)
-    assert trajectory(instance(fmi, library=built)) == trajectory(instance(fmi))
+    made = [instance(kind, **given) if kind != "array" else array(13, **given)
+            for given in ({"library": built}, {})]  # fmt: skip
+    assert trajectory(made[0]) == trajectory(made[1])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("level", [0, 1, 2])
+@pytest.mark.parametrize("n", [3, 13])
+def test_every_instruction_set_gives_the_same_bits(
+    array, array_token, monkeypatch, tmp_path, n, level
+):
+    """A level that this processor lacks is the best one that it has."""
+    monkeypatch.setattr(compiler, "FLAGS", (*compiler.FLAGS, f"-DMOST_LEVEL={level}"))
+    header = render_header("VibrationMotors", array_token)
+    library = tmp_path / "levels.so"
+    library.write_bytes(compiler.compile_library("VibrationMotors", header, compiler.host_target()))
+    assert trajectory(array(n, library=library)) == trajectory(array(n))
+
+
+def test_vectors_are_as_wide_as_the_instruction_set_has_them(archive, tmp_path):
+    assembly, zig = tmp_path / "motors.s", [*COMPILERS["zig"], "-O3"]
+    given = [*arguments(archive("array")), "-o", assembly]
+    run(*zig, "-fPIC", "-target", "x86_64-linux-gnu", "-S", *given)
+    bodies = r"^(baseline|avx2|avx512)_step:[^\n]*\n(.*?)^\.Lfunc_end"
+    register = {"baseline": "xmm", "avx2": "ymm", "avx512": "zmm"}
+    for level, body in re.findall(bodies, assembly.read_text(), re.MULTILINE | re.DOTALL):
+        multiplications = re.findall(r"^\tv?mulpd\s.*%(.mm)", body, re.MULTILINE)
+        # Few motors need but half the widest vector.
+        assert len(multiplications) > 30
+        assert max(multiplications) == register.pop(level)
+        assert level == "baseline" or min(multiplications) == "ymm"
+        assert not re.search(r"^\tvfn?m(add|sub)", body, re.MULTILINE)
+    assert not register
 
 
 @pytest.mark.long
@@ -114,11 +173,8 @@ def functions(folder: Path, fmi: int) -> set[str]:
 
 def test_only_the_standards_functions_can_clash(archive, fmi, tmp_path):
     folder, assembly = archive(fmi), tmp_path / "motor.s"
-    # Functions that the model description does not offer do not use their parameters.
-    warnings = ["-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter"]
-    warnings.append("-Wno-unused-command-line-argument")  # zig's own, with -S
-    given = arguments(folder, optional=False)
-    run(*COMPILERS["zig"], *warnings, "-target", "x86_64-linux-gnu", "-S", *given, "-o", assembly)
+    given = [*arguments(folder, optional=False), "-o", assembly]
+    run(*COMPILERS["zig"], *WARNINGS, "-Werror", "-target", "x86_64-linux-gnu", "-S", *given)
     shown = set(re.findall(r"^\s*\.(?:globl|weak)\s+(\w+)", assembly.read_text(), re.MULTILINE))
     assert shown == {f"VibrationMotor_{name}" for name in functions(folder, fmi)}
     assert len(shown) == {2: 34, 3: 75}[fmi]

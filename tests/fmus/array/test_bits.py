@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fmus.variables import load_table
+from tests.fmus.starts import motor_starts
 
 OK = 0
 STEP_S = 1e-5
 NAMES = ("theta", "omega", "omega_dot", "V_s", "i", "u", "integral")
-TABLE = load_table()
+START = motor_starts()
 PARAMETERS = ("m", "r", "K_T", "J", "R", "b", "c", "g", "K_p", "K_i", "V_s_max")
 
 
@@ -49,7 +49,7 @@ class Singles:
 
 def parameters(generator: np.random.Generator, n: int) -> dict[str, Any]:
     """Parameters and starts about those of Table II, different for every motor."""
-    start = {p: float(TABLE[p].start or 0.0) * generator.uniform(0.7, 1.4, n) for p in PARAMETERS}
+    start = {p: START[p] * generator.uniform(0.7, 1.4, n) for p in PARAMETERS}
     start["theta_start"] = generator.uniform(-3.0, 3.0, n)
     start["omega_start"] = np.where(np.arange(n) % 3 == 0, 0.0, generator.uniform(-400, 400, n))
     return start

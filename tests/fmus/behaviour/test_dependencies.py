@@ -1,19 +1,21 @@
 """Declared dependencies compared with what really changes, for both standards."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import fmpy
 import numpy as np
+import pytest
 
-from fmus.variables import load_table
+from tests.fmus.starts import motor_starts
 
 STATES = ("theta", "omega", "integral")
 INPUTS = ("omega_des", "d", "omega_noise", "V_in")
 CHANGES = {"theta_start": 0.25, "omega_start": 2.0,
            "omega_des": 2.0, "d": 1e-5, "omega_noise": 2.0, "V_in": 0.5}  # fmt: skip
 
-STARTS = {v.name: v.start for v in load_table().variables if v.start is not None}
+STARTS = motor_starts()
+TYPES = {"closed_loop": bool, "solver": int}
 
 Values = dict[str, float]
 
@@ -43,68 +45,37 @@ def simulate(motor, at: Values) -> None:
 
 def initialise(motor, at: Values) -> None:
     """Bring an instance to Initialization Mode with these start values."""
-    assert motor.set(**{name: type(STARTS[name])(value) for name, value in at.items()}) == 0
+    assert motor.set(**{name: TYPES.get(name, float)(value) for name, value in at.items()}) == 0
     assert motor.enter_initialization() == 0
 
 
-def observe(
-    read: Callable[[Values], np.ndarray], at: Values, changes: Values
-) -> dict[str, np.ndarray]:
-    """Change of all unknowns over that of each known, one known after the other."""
-    before = read(at)
-    return {name: (read(at | {name: value}) - before) / (value - at[name])
-            for name, value in changes.items()}  # fmt: skip
+def changes_at(point: Values, start: bool) -> tuple[Values, Values]:
+    """What is known at a point, and another value of each."""
+    if not start:
+        return point, {name: point[name] + CHANGES[name] for name in INPUTS}
+    at = STARTS | {name: point[name] for name in (*INPUTS, "closed_loop")}
+    at |= {"theta_start": point["theta"], "omega_start": point["omega"]}
+    changes = {name: value + CHANGES.get(name, 0.1 * value) for name, value in at.items()}
+    return at, changes | {"closed_loop": 1.0 - at["closed_loop"], "solver": 3.0 - at["solver"]}
 
 
-def compare(declared: list, unknowns: list[str], factors: dict[str, list[np.ndarray]]) -> None:
-    """Assert that what changed is what is declared."""
-    promised = {
-        (unknown.variable.name, known.name)
-        for unknown in declared
-        for known in unknown.dependencies
-    }
-    seen = {
-        (unknown, known)
-        for known, rows in factors.items()
-        for unknown, column in zip(unknowns, np.array(rows).T, strict=True)
-        if np.any(column)
-    }
-    assert seen == promised
-
-
-def test_dependencies_in_the_simulation(fmus, instance, fmi):
-    declared: Any = fmpy.read_model_description(str(fmus[fmi])).outputs
+@pytest.mark.parametrize("start", [False, True], ids=["in the simulation", "at the start"])
+def test_what_changes_is_what_is_declared(fmus, instance, fmi, start):
+    description: Any = fmpy.read_model_description(str(fmus[fmi]))
+    declared = description.initialUnknowns if start else description.outputs
     unknowns = [unknown.variable.name for unknown in declared]
 
     def read(at: Values) -> np.ndarray:
         motor = instance(fmi)
-        simulate(motor, at)
+        (initialise if start else simulate)(motor, at)
         return np.array(motor.get(*unknowns))
 
-    factors: dict[str, list[np.ndarray]] = {name: [] for name in INPUTS}
-    for at in points():
-        changes = {name: at[name] + CHANGES[name] for name in factors}
-        for name, found in observe(read, at, changes).items():
-            factors[name].append(found)
-    compare(declared, unknowns, factors)
-
-
-def test_dependencies_at_the_start(fmus, instance, fmi):
-    declared: Any = fmpy.read_model_description(str(fmus[fmi])).initialUnknowns
-    unknowns = [unknown.variable.name for unknown in declared]
-    starts = {name: float(start) for name, start in STARTS.items()}
-
-    def read(at: Values) -> np.ndarray:
-        motor = instance(fmi)
-        initialise(motor, at)
-        return np.array(motor.get(*unknowns))
-
-    factors: dict[str, list[np.ndarray]] = {name: [] for name in starts}
+    seen = set()
     for point in points():
-        at = starts | {name: point[name] for name in (*INPUTS, "closed_loop")}
-        at |= {"theta_start": point["theta"], "omega_start": point["omega"]}
-        changes = {name: value + CHANGES.get(name, 0.1 * value) for name, value in at.items()}
-        changes |= {"closed_loop": 1.0 - at["closed_loop"], "solver": 3.0 - at["solver"]}
-        for name, found in observe(read, at, changes).items():
-            factors[name].append(found)
-    compare(declared, unknowns, factors)
+        at, changes = changes_at(point, start)
+        before = read(at)
+        for known, value in changes.items():
+            changed = read(at | {known: value}) != before
+            seen |= {(unknowns[k], known) for k in np.flatnonzero(changed).tolist()}
+    promised = {(u.variable.name, known.name) for u in declared for known in u.dependencies}
+    assert seen == promised

@@ -6,13 +6,14 @@ A refused call says why, and leaves the serialised state as it was, byte by byte
 import ctypes
 import math
 
+import numpy as np
 import pytest
 from hypothesis import Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
 
 OK, ERROR = 0, 3
-ALL_EXAMPLES, CALLS_EACH = 10_000, 25
+CALLS_EACH = 25
 
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 1e-300, 1e300, -1e300, math.inf, -math.inf, math.nan, 1e-9]
 values = st.one_of(st.sampled_from(SPECIAL), st.floats(-1e4, 1e4), st.floats(1e-12, 1e-2))
@@ -24,16 +25,24 @@ PLAIN = {
         "EnterContinuousTimeMode", "EnterConfigurationMode", "ExitConfigurationMode",
         "EvaluateDiscreteStates"],
 }  # fmt: skip
+INTEGERS = ["GetInt64", "SetInt64", "GetUInt64", "SetUInt64"]
 
 
 def machine(instance) -> type[RuleBasedStateMachine]:
     """State machine that drives instances made by the fixture of that name."""
 
     class Importer(RuleBasedStateMachine):
-        @initialize(fmi=st.sampled_from([2, 3]), started=st.booleans())
-        def make(self, fmi, started):
-            self.fmi = fmi
-            self.motor = instance(fmi)
+        @initialize(
+            kind=st.sampled_from([2, 3, "array", "array of several"]),
+            started=st.booleans(),
+            samples=st.sampled_from([1, 2, 50]),
+        )
+        def make(self, kind, started, samples):
+            self.fmi = 2 if kind == 2 else 3
+            self.motor = instance(kind)
+            self.motor.n = 4 if kind == "array of several" else 1
+            if kind not in {2, 3}:
+                assert self.motor.set_sizes(samples=samples) == OK
             # Most of what can go wrong is beyond the start of the life cycle.
             if started:
                 self.motor.start(omega_des=700.0)
@@ -65,24 +74,32 @@ def machine(instance) -> type[RuleBasedStateMachine]:
                 arguments = (0, 0.0, start, int(stop is not None), stop or 0.0)
                 self.judge(lambda: self.motor.call("SetupExperiment", *arguments))
 
-        @rule(reference=references, value=values)
-        def set_float(self, reference, value):
-            array, count = (ctypes.c_uint32 * 1)(reference), ctypes.c_size_t(1)
-            room, tail = (ctypes.c_double * 1)(value), [count] if self.fmi == 3 else []
-            name = "SetFloat64" if self.fmi == 3 else "SetReal"
-            self.judge(lambda: self.motor.call(name, array, count, room, *tail))
+        @rule(listed=lists, extra=st.sampled_from([0, 0, 1, 3, 9]), value=values)
+        def set_floats(self, listed, extra, value):
+            name, extra = ("SetFloat64", extra) if self.fmi == 3 else ("SetReal", 0)
+            room = np.full(len(listed) + extra, value)
+            self.judge(lambda: self.motor.exchange(name, listed, room))
+
+        @rule(listed=lists, extra=st.sampled_from([0, 0, 1, 3]), value=st.integers(-2, 9),
+              name=st.sampled_from(INTEGERS))  # fmt: skip
+        def integers(self, listed, extra, value, name):
+            room = np.full(len(listed) + extra, value, dtype=np.int64)
+            if self.fmi == 3:
+                self.judge(lambda: self.motor.exchange(name, listed, room))
 
         @rule(
             option=st.sampled_from(["closed_loop", "solver", "J", "omega"]),
             value=st.integers(-3, 4),
         )
         def set_option(self, option, value):
-            self.judge(lambda: self.motor.set(**{option: value}))
-            self.judge(lambda: self.motor.set(**{option: bool(value)}))
+            if option in self.motor.variables:
+                self.judge(lambda: self.motor.set(**{option: value}))
+                self.judge(lambda: self.motor.set(**{option: bool(value)}))
 
-        @rule(wanted=lists, null=st.booleans())
-        def get(self, wanted, null):
-            room = None if null else (ctypes.c_double * len(wanted))()
+        @rule(wanted=lists, null=st.booleans(), extra=st.sampled_from([0, 0, 9]))
+        def get(self, wanted, null, extra):
+            extra = extra if self.fmi == 3 else 0
+            room = None if null else np.zeros(len(wanted) + extra)
             self.judge(lambda: self.motor.get_status(wanted, room))
 
         @rule(
@@ -92,7 +109,7 @@ def machine(instance) -> type[RuleBasedStateMachine]:
         def step(self, steps, off):
             h, time_s = self.now()
             if self.judge(lambda: self.motor.do_step(time_s + off * h, steps * h)) == OK:
-                assert all(map(math.isfinite, self.motor.get("theta", "omega", "omega_dot", "i")))
+                assert np.isfinite(self.motor.get("theta", "omega", "omega_dot", "i")).all()
 
         @rule(time_s=values, step_s=st.sampled_from(SPECIAL[3:]))
         def bad_step(self, time_s, step_s):
@@ -101,7 +118,7 @@ def machine(instance) -> type[RuleBasedStateMachine]:
 
         def now(self):
             # Readable from Initialization Mode on; before that nothing has been stepped.
-            room = (ctypes.c_double * 2)()
+            room = np.zeros(2)
             status = self.motor.get_status(self.motor.references("step_size", "time"), room)
             return (room[0], room[1]) if status == OK else (1e-5, 0.0)
 
@@ -133,22 +150,14 @@ def machine(instance) -> type[RuleBasedStateMachine]:
     return Importer
 
 
-def fuzz(instance, examples: int) -> None:
-    run_state_machine_as_test(
-        machine(instance),
-        settings=settings(
-            max_examples=examples,
-            stateful_step_count=CALLS_EACH,
-            phases=[Phase.generate],
-        ),
+@pytest.mark.parametrize(
+    "examples",
+    [pytest.param(0, marks=pytest.mark.long), pytest.param(20_000, marks=pytest.mark.slow)],
+)
+def test_random_call_sequences(instance, examples):
+    how = settings(
+        max_examples=examples or 4 * settings().max_examples,
+        stateful_step_count=CALLS_EACH,
+        phases=[Phase.generate],
     )
-
-
-@pytest.mark.long
-def test_random_call_sequences(instance):
-    fuzz(instance, 2 * settings().max_examples)
-
-
-@pytest.mark.slow
-def test_ten_thousand_random_call_sequences(instance):
-    fuzz(instance, ALL_EXAMPLES)
+    run_state_machine_as_test(machine(instance), settings=how)

@@ -16,13 +16,13 @@ def provoke(motor) -> int:
     return len(motor.messages) - before
 
 
-def test_logging_is_as_instantiated(instance, fmi):
-    assert provoke(instance(fmi, logging=True)) == 1
-    assert provoke(instance(fmi, logging=False)) == 0
+def test_logging_is_as_instantiated(instance, kind):
+    assert provoke(instance(kind, logging=True)) == 1
+    assert provoke(instance(kind, logging=False)) == 0
 
 
-def test_logging_is_switched_on_and_off(instance, fmi):
-    motor = instance(fmi, logging=False)
+def test_logging_is_switched_on_and_off(instance, kind):
+    motor = instance(kind, logging=False)
     for categories in ((), (CATEGORY,), (CATEGORY, CATEGORY)):
         assert motor.set_logging(True, *categories) == OK
         assert provoke(motor) == 1
@@ -34,8 +34,8 @@ def test_logging_is_switched_on_and_off(instance, fmi):
 
 @pytest.mark.parametrize("logging", [False, True])
 @pytest.mark.parametrize("category", ["logAll", "", None])
-def test_unknown_categories_are_refused_and_change_nothing(instance, fmi, logging, category):
-    motor = instance(fmi, logging=logging)
+def test_unknown_categories_are_refused_and_change_nothing(instance, kind, logging, category):
+    motor = instance(kind, logging=logging)
     for on in (False, True):
         assert motor.set_logging(on, CATEGORY, category) == ERROR
         assert provoke(motor) == logging
@@ -44,8 +44,8 @@ def test_unknown_categories_are_refused_and_change_nothing(instance, fmi, loggin
 
 
 @pytest.mark.parametrize("logging", [False, True])
-def test_a_refused_instantiation_is_logged_if_wanted(instance, fmi, logging):
-    motor = instance(fmi, token="{other}", logging=logging)
+def test_a_refused_instantiation_is_logged_if_wanted(instance, kind, logging):
+    motor = instance(kind, token="{other}", logging=logging)
     assert not motor.handle
     assert len(motor.messages) == logging
 

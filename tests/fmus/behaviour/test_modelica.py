@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 import rumoca
 
+from cosim.model.params import TABLE_II
+from fmus.description import read_description, start_of, variables_of
 from fmus.models import read_text
-from fmus.variables import load_table
+from tests.fmus.starts import motor_starts
 
 INPUTS = ("omega_des", "d", "omega_noise", "V_in")
 STATES = ("theta", "omega", "integral")
 STEP_S = 1e-2
+PARAMETERS = (*TABLE_II._fields, "theta_start", "omega_start")
 SPECIFICATION = read_text("VibrationMotor", "VibrationMotor.mo")
 
 
@@ -56,22 +59,22 @@ def specification(request):
 
 def test_specification_is_valid_modelica_with_the_same_names_and_defaults():
     model = rumoca.Session().loads(SPECIFICATION, model="VibrationMotor")
-    table = load_table()
-    assert [v.name for v in table.group("input")] == list(INPUTS)
-    for variable in table.group("parameter"):
-        if variable.name != "step_size":  # of the integration, not of the model
-            assert model.parameters[variable.name].value == variable.start, variable.name
-            declaration = rf"Real {variable.name} = [^\"]*\"{re.escape(variable.description)}"
-            assert re.search(declaration, SPECIFICATION), variable.name
-    for variable in table.group("output"):
-        assert re.search(rf"output Real {variable.name}\b", SPECIFICATION)
+    variables = variables_of(read_description("VibrationMotor"))
+    assert [v.get("name") for v in variables if v.get("causality") == "input"] == list(INPUTS)
+    for variable in variables:
+        name, causality = variable.attrib["name"], variable.get("causality")
+        if causality == "output":
+            assert re.search(rf"output Real {name}\b", SPECIFICATION)
+        if name in PARAMETERS:
+            assert model.parameters[name].value == start_of(variable), name
+            description = re.escape(variable.attrib["description"])
+            assert re.search(rf"Real {name} = [^\"]*\"{description}", SPECIFICATION), name
 
 
 def random_points(count: int):
     """Parameters about those of Table II, states and inputs over the whole range of use."""
     generator = np.random.default_rng(13)
-    defaults = {v.name: float(v.start or 0.0) for v in load_table().group("parameter")}
-    del defaults["step_size"]
+    defaults = {name: motor_starts()[name] for name in PARAMETERS}
     for k in range(count):
         parameters = {n: v * generator.uniform(0.5, 2.0) for n, v in defaults.items()}
         speed = 0.0 if k % 5 == 0 else generator.uniform(-6000.0, 6000.0)

@@ -1,4 +1,4 @@
-"""Serialised states: damaged, foreign and impossible ones are refused."""
+"""Serialised states: damaged, foreign and impossible ones are refused, also of an array of one."""
 
 import math
 import struct
@@ -11,8 +11,8 @@ DOUBLE = "=d"
 
 
 @pytest.fixture
-def motor(instance, fmi):
-    motor = instance(fmi).start(omega_des=700.0)
+def motor(instance, kind):
+    motor = instance(kind).start(omega_des=700.0)
     assert motor.do_step(0.0, 0.1) == OK
     return motor
 
@@ -36,8 +36,10 @@ def test_every_flipped_bit_is_refused(motor):
 
 def test_wrong_sizes_are_refused(motor):
     saved = motor.save()
+    array = "n" in motor.variables
     for content in (b"", saved[:-1], saved + b"\0", saved + saved):
-        refuse(motor, content, f"{len(content)} bytes, but a state has {len(saved)}")
+        reason = f"{len(content)} bytes, but a state has {len(saved)}"
+        refuse(motor, content, "" if array else reason)
 
 
 def test_states_of_another_build_are_refused(motor):
@@ -60,10 +62,36 @@ def test_states_of_another_build_are_refused(motor):
         ("life_cycle", (0, 3, 16, 32, -(2**63))),
     ],
 )
-def test_values_out_of_range_are_refused(motor, name, values):
+def test_values_out_of_range_are_refused(instance, fmi, name, values):
+    motor = instance(fmi).start(omega_des=700.0)
     saved = motor.save()
     for value in values:
         refuse(motor, motor.with_field(saved, name, value), "out of range")
+
+
+# Places in a state of 3 motors behind its token, in bytes: see Head in array.c.
+TOKEN, MOST = 39, 65536
+FIELDS = {
+    "time": (0, "=d", (math.nan, math.inf)), "owed": (8, "=d", (math.nan, 1.1e-11)),
+    "stop_time": (16, "=d", (math.nan, -math.inf)), "life_cycle": (24, "=q", (0, 3, 32, 128)),
+    "step_size": (32, "=d", (0.0, 1.0, math.nan)),
+    "n": (40, "=Q", (0, 1, 2, 4, MOST + 1, 2**64 - 1)), "closed_loop": (48, "=q", (2, -1)),
+    "samples": (56, "=Q", (0, MOST + 1, 2**64 - 1)),
+    "omega_des of motor 2": (72, "=d", (math.nan, math.inf)),
+    "m of motor 1": (64 + 4 * 24, "=d", (-1.0, math.nan)),
+    "J of motor 3": (64 + 7 * 24 + 16, "=d", (0.0, math.nan)),
+    "omega of motor 3": (64 + 19 * 24 + 16, "=d", (math.nan, math.inf)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_values_of_arrays_out_of_range_are_refused(array, field):
+    motors, (place, form, values) = array(3).start(omega_des=700.0), FIELDS[field]
+    saved = motors.save()
+    for value in values:
+        content = bytearray(saved)
+        struct.pack_into(form, content, TOKEN + place, value)
+        refuse(motors, motors.sealed(bytes(content)), "out of range")
 
 
 def test_parameters_out_of_range_are_refused(motor):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cosim.base.jit import kernel
-from cosim.coupling.calls import do_step
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.calls import do_step
+from cosim.fmi.motor import Motor, MotorFmu
 
 OK, ERROR = 0, 3
 STEP_S = 1e-5
@@ -72,10 +72,10 @@ def test_steps_rounded_to_single_precision_run_on(fmu):
     assert step_s != STEP_S
     ends = []
     for length_s, steps in ((step_s, count), (count * step_s, 1)):
-        motor = MotorFmu(fmu).instantiate("motor", {"omega_des": 700.0})
-        made = many_steps(motor.addresses.do_step, motor.instance, length_s, steps)
+        motor = Motor(MotorFmu(fmu), "motor", {"omega_des": 700.0})
+        made = many_steps(motor.functions.do_step, motor.address, length_s, steps)
         assert made == steps, motor.log
-        ends.append(motor.outputs(0, 0.0))
+        ends.append(motor.get(motor.fmu.outputs))
         motor.close()
     # Unmade differences would come to 5e-6 s, or 4e-3 rad.
     assert ends[0][:2] == pytest.approx(ends[1][:2], abs=1e-4, rel=0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import USER_ERROR_STATUS
-from cosim.coupling.fmu import MotorFmu
+from cosim.fmi.motor import MotorFmu
 from cosim.machine.platform.motion import net_speed, robot_platform
 from cosim.machine.validation import validate as measurement
 from cosim.machine.validation.driving import (
