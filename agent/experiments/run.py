@@ -6,7 +6,6 @@ from pathlib import Path
 
 import msgspec
 
-from agent.evaluation.grid import PolicyMeasures, report_of
 from agent.experiments.results import (
     RESULTS_FILE,
     SUMMARY_FILE,
@@ -16,7 +15,8 @@ from agent.experiments.results import (
     differences,
     effects,
 )
-from agent.experiments.variants import EXPERIMENTS, REFERENCES, Name
+from agent.experiments.variants import Name, variants_of
+from agent.study.grid import report_of
 from agent.training.recording import require_tensorboard, write_events, write_runs
 from agent.training.runs import RECORDING_FILE, Experiment, run_name, train_runs
 from agent.training.settings import LearningConfig
@@ -62,7 +62,7 @@ def train_and_evaluate(
         facts = {"scenario": scenario, "seed": experiment.seed}
         write_runs(out / RECORDING_FILE, [result.log for result in results], facts)
     summary = TrainingSummary(
-        policies=report.policies,
+        rows=report.rows,
         over_policies=report.over_policies,
         seed=experiment.seed,
         seconds=seconds,
@@ -97,7 +97,7 @@ def run_experiment(
     """
     began = time.perf_counter()
     variants: dict[str, VariantResult] = {}
-    for key, variant in EXPERIMENTS[name].items():
+    for key, variant in variants_of(name).items():
         experiment = Experiment(
             find_scenario(variant.scenario),
             variant.process,
@@ -109,11 +109,14 @@ def run_experiment(
             experiment, out / key, where=where, progress=progress, task=variant.label
         )
         report = report_of((f"{key}/{run_name(r.run)}", r.policy) for r in results)
-        # no single failures
-        rows = msgspec.convert(report.policies, tuple[PolicyMeasures, ...], from_attributes=True)
-        statistics = report.over_policies[variant.scenario]
-        variants[key] = VariantResult(variant.label, variant.scenario, rows, statistics)
-    compared = differences(variants, REFERENCES.get(name, {}))
+        variants[key] = VariantResult(
+            variant.label,
+            variant.scenario,
+            variant.reference,
+            tuple(msgspec.structs.replace(row, failures=()) for row in report.rows),
+            report.over_policies[variant.scenario],
+        )
+    compared = differences(variants)
     result = ExperimentResult(
         experiment=name,
         seed=seed,

@@ -13,8 +13,7 @@ from cosim.model.config import ConfigError
 from minirobots.options import Distributed, Folder, NotNegative, Resumable, Seed, Simulating
 
 if TYPE_CHECKING:
-    from agent.evaluation.grid import GridReport
-    from agent.study.evaluate import EvaluationReport
+    from agent.study.report import Report
 
 
 class Evaluate(Distributed, Simulating, Resumable):
@@ -94,7 +93,7 @@ def run(options: Evaluate, progress: Progress) -> Iterator[Any]:
     yield report
     show(report)
     print(f"results in {options.out}/")
-    recordings = [path for row in report.policies for path in row.recordings]
+    recordings = [path for row in report.rows for path in row.recordings]
     if recordings:
         print(f"open with: {in_shell('rerun')} {recordings[0]}")
 
@@ -110,8 +109,8 @@ def _changed(given: Any, default: Any) -> Iterator[str]:
 
 
 def _on_grid(policies: tuple[str, ...]) -> Iterator[Any]:
-    from agent.evaluation.grid import policy_files, report_of, show
     from agent.policies import load_policy
+    from agent.study.grid import policy_files, report_of, show
 
     paths = policy_files(tuple(map(Path, policies)))
     report = report_of((str(path), load_policy(path)) for path in paths)
@@ -119,7 +118,6 @@ def _on_grid(policies: tuple[str, ...]) -> Iterator[Any]:
     show(report)
 
 
-def failed(report: "EvaluationReport | GridReport") -> bool:
+def failed(report: "Report") -> bool:
     """Return whether a claim is not certified."""
-    claims = [getattr(row, "claim", None) for row in report.policies]  # on the grid there is none
-    return any(claim.verdict != "certified" for claim in claims if claim is not None)
+    return any(row.claim.verdict != "certified" for row in report.rows if row.claim is not None)

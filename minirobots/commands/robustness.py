@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from agent.study.axes import AXES, Axis
+from agent.study.published import AXES, Axis
 from agent.training.settings import COMPARED, Method
 from cosim.base.progress import Progress
 from cosim.model.config import ConfigError, require_one_of
@@ -54,7 +54,7 @@ class Robustness(Distributed, Resumable):
 def run(options: Robustness, progress: Progress) -> Iterator[Any]:
     """Simulate missing episodes, write the table and the plot, and print the table."""
     world = read_world(options.world)
-    from agent.study.transfer import OF_WORLDS, robustness
+    from agent.study.published import OF_WORLDS, robustness
     from cosim.base.table import show
 
     report = robustness(**options.arguments(world=world), progress=progress)

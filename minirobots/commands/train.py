@@ -55,9 +55,9 @@ class Train(NewFolder):
 
 def run(options: Train, progress: Progress) -> Iterator[Any]:
     """Train missing runs, evaluate every run, and print a row for each."""
-    from agent.evaluation.grid import show
     from agent.experiments.run import train_and_evaluate
     from agent.moves.model import ObservedMoves
+    from agent.study.grid import show
     from agent.training.runs import Experiment
     from cosim.model.scenario_file import find_scenario
 

@@ -43,7 +43,7 @@ class Transfer(Distributed, Resumable):
 
 def run(options: Transfer, progress: Progress) -> Iterator[Any]:
     """Simulate missing episodes, write the table and print it, with the goals."""
-    from agent.study.transfer import show, transfer
+    from agent.study.published import show, transfer
 
     report = transfer(**options.arguments(), progress=progress)
     yield report
