@@ -8,7 +8,6 @@ import msgspec
 
 from agent.mdp.config import ProcessConfig
 from agent.training.settings import LearningConfig
-from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
 
 Name = Literal["fig08", "fig10", "fig11", "features", "readings", "zone", "factorial", "sequel"]
@@ -38,7 +37,7 @@ def variants_of(experiment: Name) -> dict[str, Variant]:
     """Return the variants of an experiment by name."""
     if experiment == "factorial":
         return _factorial()
-    declared = read_toml(_DECLARED, Kind("experiments", "install it again", UserError))
+    declared = read_toml(_DECLARED, Kind("experiments", "install it again"))
     return msgspec.convert(declared[experiment], dict[str, Variant])
 
 

@@ -16,7 +16,7 @@ from agent.study.policies import name_of
 from agent.study.report import Report
 from agent.study.store import EpisodeStore
 from agent.study.user import lines_of
-from cosim.base.jobs import Workers
+from cosim.base.jobs import THREADS, Workers
 from cosim.base.progress import Progress, silent
 from cosim.base.table import Column
 from cosim.base.table import show as show_table
@@ -46,7 +46,7 @@ def evaluate(
     scenario: str | None = None,
     recordings: int = 3,
     claim: Claim | None = None,
-    where: Workers = Workers(),  # noqa: B008 - a constant
+    where: Workers = THREADS,
     progress: Progress = silent,
 ) -> Report:
     """Simulate missing episodes, and record the selected ones.

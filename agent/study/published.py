@@ -1,13 +1,12 @@
-"""Studies of this project: methods in the full dynamics (docs/transfer.md), and in other worlds.
+"""Studies of this project: methods in the full dynamics, and in other worlds; see docs/methods.md.
 
-The worlds of docs/robustness.md are declared in `studies/robustness.toml`.
+The command lines are `minirobots transfer` and `minirobots robustness`.
 """
 
 import operator
 from collections.abc import Collection, Iterable, Iterator
 from itertools import product
 from pathlib import Path
-from typing import Literal, get_args
 
 import msgspec
 from rich.console import Console
@@ -25,45 +24,27 @@ from agent.evaluation.rows import (
     option_column,
 )
 from agent.evaluation.statistics import Interval, interval_text
+from agent.study.axes import AXES, Axis, worlds_of
 from agent.study.engine import Line, case_of, measure
 from agent.study.policies import trained
 from agent.study.report import Report, write_figure
 from agent.study.store import EpisodeStore
 from agent.training.settings import COMPARED, METHODS
-from cosim.base.arguments import ConfigError, taken
-from cosim.base.jobs import Workers, until
+from cosim.base.jobs import THREADS, Workers, until
 from cosim.base.progress import Progress, silent
-from cosim.base.reading import Kind, read_toml
 from cosim.base.table import Column, write_report
 from cosim.base.table import markdown as table_text
 from cosim.base.table import show as show_table
 from cosim.model.built_in import PAPER
 from cosim.model.params import TABLE_I
-from cosim.model.scenario import Scenario
-from cosim.model.scenario_file import ROUGH, find_scenario, read_world
+from cosim.model.scenario_file import find_scenario
 from cosim.model.world import World
 from cosim.simulation.options import SimulationOptions
 
-Axis = Literal[
-    "everything",
-    "nothing",
-    "friction",
-    "patches",
-    "motors",
-    "rate",
-    "delay",
-    "noise",
-    "dropout",
-    "restitution",
-    "payload",
-    "tilt",
-]
-AXES: tuple[Axis, ...] = get_args(Axis)  # the most important ones first
 MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
 _DETAILED = "moves"  # method with rows of every friction coefficient, and with goals
 # Episodes of a pair in rows of that method at the default friction, and of other rows.
 _MANY, _SOME, QUICK_EPISODES = 200, 50, 2
-_WORLDS = Path(__file__).with_name("studies") / "robustness.toml"
 COLUMNS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
 OF_WORLDS = (
     option_column("axis", "not ideal"),
@@ -123,7 +104,7 @@ def transfer(
     seed: int = 0,
     quick: bool = False,
     budget_minutes: float | None = None,
-    where: Workers = Workers(),  # noqa: B008 - a constant
+    where: Workers = THREADS,
     progress: Progress = silent,
 ) -> TransferReport:
     """Simulate missing episodes and write the table; arguments are options of the command."""
@@ -192,35 +173,6 @@ def goals(best: Iterable[Row]) -> Iterator[Goal]:
         )
 
 
-def worlds_of(axis: str, scenario: Scenario, everything: World) -> Iterator[tuple[str, World]]:
-    """Return how much is not ideal on an axis, as text for the table, and the world of it.
-
-    Args:
-        axis: what is not ideal.
-        scenario: its board.
-        everything: the world in which nothing is ideal.
-    """
-    camera = msgspec.to_builtins(read_world(ROUGH).sensor)
-    columns, rows = scenario.columns, scenario.rows
-    quarters = [
-        (left, bottom, right, top)
-        for left, right in ((0, columns // 2 - 1), (columns // 2, columns - 1))
-        for bottom, top in ((0, rows // 2 - 1), (rows // 2, rows - 1))
-    ]
-    declared = read_toml(_WORLDS, Kind("study", "install it again", ConfigError))
-    for value, given in declared[axis].items():
-        if axis == "everything":
-            yield value, everything
-            continue
-        if "sensor" in given:
-            given["sensor"] = camera | given["sensor"]
-        if mus := given.pop("mu_quarters", ()):
-            low, high = mus
-            patches = zip(quarters, (low, high, high, low), strict=True)
-            given["mu_patches"] = [{"cells": cells, "mu": mu} for cells, mu in patches]
-        yield value, taken("world", given, World)
-
-
 def robustness(
     out: Path,
     world: World,
@@ -232,7 +184,7 @@ def robustness(
     quick: bool = False,
     seed: int = 0,
     budget_minutes: float | None = None,
-    where: Workers = Workers(),  # noqa: B008 - a constant
+    where: Workers = THREADS,
     progress: Progress = silent,
 ) -> Report:
     """Simulate the missing rows of the table, and write it with its plot.

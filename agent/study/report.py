@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from agent.evaluation.rows import Row, columns_of, text_of
-from cosim.base.arguments import ConfigError, require_one_of, taken
+from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.errors import UserError
 from cosim.base.storage import replacing, write_json, write_whole
 from cosim.base.table import arrow_of, markdown, show, write_parquet
@@ -122,7 +122,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
         Raises:
             ConfigError: the suffix is another one, or there is no such quantity.
         """
-        path = Path(taken("path", path, Path))
+        path = Path(validate_argument("path", path, Path))
         match path.suffix:
             case ".json":
                 rows = [

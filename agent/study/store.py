@@ -20,7 +20,7 @@ from cosim.base.table import write_parquet
 from cosim.simulation.result import EpisodeResult
 
 FILE = "results.sqlite"
-_KIND = Kind("file of results", "move it away or choose another --out", UserError)
+_KIND = Kind("file of results", "move it away or choose another --out")
 _TABLES = """
     CREATE TABLE IF NOT EXISTS cases (digest TEXT PRIMARY KEY, identity TEXT) WITHOUT ROWID;
     CREATE TABLE IF NOT EXISTS episodes

@@ -19,7 +19,7 @@ from agent.study.engine import Line, case_of, measure
 from agent.study.policies import name_of, policy_of
 from agent.study.report import SUFFIXES, Report
 from agent.study.store import EpisodeStore
-from cosim.base.arguments import ConfigError, plain_of, taken, taken_seed
+from cosim.base.arguments import ConfigError, to_plain, validate_argument, validate_seed
 from cosim.base.jobs import Backend, Workers, until
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.reading import Kind, read_toml
@@ -28,7 +28,7 @@ from cosim.model.scenario_file import find_in_world
 from cosim.simulation.options import options_of
 
 _LOGGER = logging.getLogger(__name__)
-_FILE = Kind("study", "see docs/studies.md", ConfigError)
+_FILE = Kind("study", "see docs/studies.md")
 _OF_COMMAND = ("jobs", "backend", "address", "budget_minutes", "progress")
 
 
@@ -88,11 +88,11 @@ def study(
     """
     report, judged = progress or silent, claim_of(claim, confidence)
     where, may_begin = Workers(jobs=jobs, backend=backend, address=address), until(budget_minutes)
-    scenario = plain_of("scenario", scenario)
+    scenario = to_plain("scenario", scenario)
     scenarios = scenario if isinstance(scenario, list | tuple) else [scenario]
-    folder: Path | None = taken("out", out, Path | None)
-    named, seed = _named(policies), taken_seed(seed)
-    if taken("episodes", episodes, int) < 1:
+    folder: Path | None = validate_argument("out", out, Path | None)
+    named, seed = _named(policies), validate_seed(seed)
+    if validate_argument("episodes", episodes, int) < 1:
         raise ConfigError(f"episodes = {episodes} must be at least 1")
 
     def indices(case: Case) -> list[int]:
@@ -125,7 +125,7 @@ def lines_of(
         claim: about every row.
         progress: receives what is trained and calibrated.
     """
-    given = {name: plain_of(name, value) for name, value in given.items()}
+    given = {name: to_plain(name, value) for name, value in given.items()}
     axes = {name: value for name, value in given.items() if isinstance(value, list)}
     if not (named and scenarios and all(axes.values())):
         raise ConfigError("policies, scenarios and every axis need at least one value each")
@@ -257,15 +257,15 @@ def evaluate(
     Raises:
         UserError: see its message.
     """
-    if starts is not None and taken("starts", starts, int) < 1:
+    if starts is not None and validate_argument("starts", starts, int) < 1:
         raise ConfigError(f"starts = {starts} must be at least 1")
     given = {"world": world, **options}
     varying = [name for name, value in given.items() if isinstance(value, list | np.ndarray)]
     if varying or isinstance(policy, list | Mapping) or isinstance(scenario, list | tuple):
         raise ConfigError("evaluate takes one value of each option; study takes several")
-    report, judged, seed = progress or silent, claim_of(claim, confidence), taken_seed(seed)
+    report, judged, seed = progress or silent, claim_of(claim, confidence), validate_seed(seed)
     where, may_begin = Workers(jobs=jobs, backend=backend, address=address), until(budget_minutes)
-    folder: Path | None = taken("out", out, Path | None)
+    folder: Path | None = validate_argument("out", out, Path | None)
 
     def indices(case: Case) -> list[int]:
         if judged:

@@ -38,10 +38,6 @@ LEAST_FREE_BYTES = 50_000_000
 _END, _END_BYTES = b"RRF2FOOT", 12  # of a whole file
 
 
-class RecordingError(UserError):
-    """Error in writing a recording. The message names the file and how to fix it."""
-
-
 class Sink:
     """Makes chunks of what a recording is to hold; `send` takes them."""
 
@@ -89,7 +85,7 @@ class Sink:
         self.send_rows()
 
     def check_space(self) -> None:
-        """Raise RecordingError if there will soon be no room for more."""
+        """Raise UserError if there will soon be no room for more."""
 
     def close(self) -> None:
         """Complete the recording."""
@@ -119,7 +115,7 @@ class Kept(Sink):
         """Write a file.
 
         Raises:
-            RecordingError: the folder cannot be written, or the disk is full.
+            UserError: the folder cannot be written, or the disk is full.
         """
         with Recording(path, self.recording_id, self.blueprint) as file:
             file.send(self.chunks)
@@ -159,7 +155,7 @@ class Recording(Sink):
         stream: Rerun's recording stream.
 
     Raises:
-        RecordingError: the folder cannot be written, or the disk is full.
+        UserError: the folder cannot be written, or the disk is full.
     """
 
     def __init__(
@@ -185,7 +181,7 @@ class Recording(Sink):
             self.stream.set_sinks(*sinks, default_blueprint=blueprint)
         except Exception as error:  # rerun raises RuntimeError whatever the cause
             self._part.unlink()
-            raise RecordingError(
+            raise UserError(
                 f"cannot write the recording {path}: {error}; choose another --out"
             ) from error
         finally:
@@ -200,9 +196,9 @@ class Recording(Sink):
         self.close()
 
     def check_space(self) -> None:
-        """Raise RecordingError while the file can still be completed, if the disk fills up."""
+        """Raise UserError while the file can still be completed, if the disk fills up."""
         if shutil.disk_usage(self.path.parent).free < LEAST_FREE_BYTES:
-            raise RecordingError(
+            raise UserError(
                 f"less than {LEAST_FREE_BYTES / 1e6:.0f} MB are free for the recording "
                 f"{self.path}; free some space or choose another --out"
             )
@@ -215,7 +211,7 @@ class Recording(Sink):
         """Write out the data so far.
 
         Raises:
-            RecordingError: it did not reach the disk, or not in time.
+            UserError: it did not reach the disk, or not in time.
         """
         super().flush()
         self._write_through()
@@ -235,7 +231,7 @@ class Recording(Sink):
             self._open = False
             atexit.register(_leave, self.stream)  # disconnecting it might never return
             if self._viewer:
-                raise RecordingError(
+                raise UserError(
                     f"the viewer at {self._viewer} does not accept recorded data ({error}); start "
                     f"it again or leave it out; {self._part} can be read so far"
                 ) from error
@@ -249,9 +245,9 @@ class Recording(Sink):
             )
         self._lost = True
 
-    def _incomplete(self, error: Exception) -> RecordingError:
+    def _incomplete(self, error: Exception) -> UserError:
         why = error.strerror if isinstance(error, OSError) else error
-        return RecordingError(
+        return UserError(
             f"the recording {self._part} could not be written out ({why}); free some disk space; "
             "it and other .part files next to it can be read"
         )
@@ -260,7 +256,7 @@ class Recording(Sink):
         """Complete the file and give it its name.
 
         Raises:
-            RecordingError: it is not whole; what there is of it keeps its provisional name.
+            UserError: it is not whole; what there is of it keeps its provisional name.
         """
         if not self._open:
             return

@@ -14,7 +14,8 @@ import selectors
 import threading
 from pathlib import Path
 
-from cosim.base.storage import StorageError, lock_alone
+from cosim.base.errors import FileError
+from cosim.base.storage import lock_alone
 
 try:
     import fcntl
@@ -35,7 +36,7 @@ class PipedFile:
 
     Raises:
         OSError: the file cannot be opened.
-        StorageError: another process writes to it.
+        FileError: another process writes to it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,7 +48,7 @@ class PipedFile:
         self._file = path.open("ab", buffering=0)
         try:
             lock_alone(self._file, path)
-        except StorageError:
+        except FileError:
             self._file.close()
             raise
         self._file.truncate(0)

@@ -16,17 +16,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cosim.base.errors import FileError
 from cosim.base.reading import Kind, parsing, require_file
-from cosim.base.storage import StorageError, named, replacing
+from cosim.base.storage import replacing, require_suffix
 from cosim.recording.file import Kept
-from cosim.recording.rrd import RecordingReadError, Signal, Texts, read_chunks, read_rrd
+from cosim.recording.rrd import Signal, Texts, read_chunks, read_rrd
 from cosim.recording.series import ENDED, GIVEN_UP, OUTCOME, STILL_RUNNING
 
 _ROBOT = re.compile(r"^/(sim|raw|rl)/([^/]+)/")
 # What a signal's name may leave out, in the order of being tried.
 PREFIXES = ("", "/", "/sim/", "/rl/", "/raw/", "/world/")
 _NOTHING = Texts(np.zeros(0), ())
-EPISODE = Kind("recording of an episode", "record it again", RecordingReadError)
+EPISODE = Kind("recording of an episode", "record it again")
 
 
 class Parameter(NamedTuple):
@@ -56,7 +57,7 @@ class DrivenMove(NamedTuple):
     given_up: bool
 
 
-class SignalError(RecordingReadError, KeyError):
+class SignalError(FileError, KeyError):
     """A signal that a recording lacks; the message names it and those with names like it."""
 
     __str__ = Exception.__str__  # a KeyError would put its message in quotes
@@ -160,11 +161,11 @@ class Episode:
         """The value of a numeric parameter.
 
         Raises:
-            RecordingReadError: the recording names no such number.
+            FileError: the recording names no such number.
         """
         parameter = self.parameters.get(name)
         if parameter is None or isinstance(parameter.value, (str, list)):
-            raise RecordingReadError(f"{self.origin} lacks its parameter {name}; record it again")
+            raise FileError(f"{self.origin} lacks its parameter {name}; record it again")
         return float(parameter.value)
 
     def save(self, path: Path | str) -> None:
@@ -174,12 +175,12 @@ class Episode:
             path: of the new file (.rrd); its folder is made if it is missing.
 
         Raises:
-            StorageError: there is such a file or folder, or its name does not end in .rrd.
-            RecordingReadError: the recording itself is gone.
+            FileError: there is such a file or folder, or its name does not end in .rrd.
+            FileError: the recording itself is gone.
         """
-        path = named(path, ".rrd")
+        path = require_suffix(path, ".rrd")
         if path.exists():
-            raise StorageError(f"{path}: it exists; move it away or choose another name")
+            raise FileError(f"{path}: it exists; move it away or choose another name")
         if isinstance(self.recording, Kept) and self.recording.chunks:  # not unpickled
             self.recording.write(path)
             return
@@ -195,14 +196,14 @@ def read_episode(recording: Path | Kept) -> Episode:
         recording: an .rrd file, the .rrd.part that a killed writer left, or chunks in memory.
 
     Raises:
-        RecordingReadError: the file does not exist, cannot be read, or holds no episode.
+        FileError: the file does not exist, cannot be read, or holds no episode.
     """
     if isinstance(recording, Path):
         path, data = recording, read_rrd(recording)
     else:
         path, data = Path("the episode"), read_chunks(recording.chunks, recording.recording_id)
     if "episode" not in data.properties:
-        raise RecordingReadError(f"{path} holds no episode; record one with `minirobots run`")
+        raise FileError(f"{path} holds no episode; record one with `minirobots run`")
     ends = [
         (match[2], float(signal.time_s[-1]))
         for key, signal in data.signals.items()
@@ -210,12 +211,12 @@ def read_episode(recording: Path | Kept) -> Episode:
     ]
     robots = sorted({name for name, _ in ends}, key=lambda name: (len(name), name))  # r10 after r2
     if not robots:
-        raise RecordingReadError(
+        raise FileError(
             f"{path} ends before the first signals of its episode were written; record it again"
         )
     outcomes = [t for t in data.texts.get(OUTCOME, _NOTHING).texts if t != STILL_RUNNING]
     if len(outcomes) > 1:
-        raise RecordingReadError(
+        raise FileError(
             f"{path} holds {len(outcomes)} episodes merged into one; name a file with one"
         )
     time_s = max(end_s for _, end_s in ends)

@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 from rerun.chunk import Chunk, RrdReader
 
-from cosim.base.errors import UserError
+from cosim.base.errors import FileError
 from cosim.base.reading import Kind, require_file
 from cosim.base.storage import temporary_folder
 
@@ -33,10 +33,6 @@ _UNIT = "unit"
 _TEXTS = ("StateChange:state", "TextLog:text")
 _NAMES = "SeriesLines:names"
 _PROPERTIES = "/__properties/"
-
-
-class RecordingReadError(UserError):
-    """Invalid recording, or not the requested one. The message names it and the fix."""
 
 
 class Signal(NamedTuple):
@@ -102,12 +98,12 @@ def read_rrd(path: Path) -> RecordingData:
         path: an .rrd file, or the .rrd.part that a killed writer left.
 
     Raises:
-        RecordingReadError: there is no such file, or it is no recording.
+        FileError: there is no such file, or it is no recording.
     """
     part = path.parent / f"{path.name}.part"
     left = not path.exists() and part.is_file()
     fix = f"its writer left {part}, read that" if left else "name an .rrd file"
-    require_file(path, Kind("recording", fix, RecordingReadError))
+    require_file(path, Kind("recording", fix))
     try:
         return _read_whole(path)
     except (RuntimeError, ValueError) as error:
@@ -122,7 +118,7 @@ def read_rrd(path: Path) -> RecordingData:
                 return _read_whole(repaired, path)
             except (RuntimeError, ValueError) as error:
                 broken = error
-    raise RecordingReadError(
+    raise FileError(
         f"{path} is not a readable Rerun recording ({broken}); record one with `minirobots run`"
     )
 
@@ -135,7 +131,7 @@ def _read_whole(file: Path, original: Path | None = None) -> RecordingData:
         if not entries:
             raise ValueError("it holds no recording")
         if len(entries) > 1:
-            raise RecordingReadError(
+            raise FileError(
                 f"{original or file} holds {len(entries)} recordings; name a file with one"
             )
         complete = original is None and _has_footer(reader)
@@ -155,7 +151,7 @@ def read_chunks(
         complete: whether these are all that there should be.
 
     Raises:
-        RecordingReadError: a signal changes its number of components.
+        FileError: a signal changes its number of components.
     """
     moving: dict[tuple[str, str], list[pa.RecordBatch]] = defaultdict(list)
     names: dict[str, tuple[str, ...]] = {}
@@ -231,7 +227,7 @@ def _signal(
     if not len(time_s):
         return Signal(time_s, np.zeros(0), components, unit)
     if values.size % len(time_s):
-        raise RecordingReadError(f"signal {key} changes its number of components; record it again")
+        raise FileError(f"signal {key} changes its number of components; record it again")
     values = values.reshape(len(time_s), -1)
     return Signal(time_s, values[:, 0] if values.shape[1] == 1 else values, components, unit)
 

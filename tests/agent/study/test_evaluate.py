@@ -23,7 +23,7 @@ from cosim.model.outcome import Outcome
 from cosim.model.params import TABLE_I
 from cosim.simulation.options import SimulationOptions
 from cosim.simulation.result import EpisodeResult
-from minirobots.commands.evaluate import Evaluate
+from minirobots.commands.policies import Evaluate
 
 RESULT = EpisodeResult(
     Outcome.SUCCESS, 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0

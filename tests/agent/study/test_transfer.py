@@ -22,8 +22,7 @@ from cosim.base.errors import UserError
 from cosim.base.table import markdown
 from cosim.model.scenario_file import ROUGH, find_scenario, in_world, read_world
 from cosim.model.world import IDEAL, World
-from minirobots.commands.robustness import Robustness
-from minirobots.commands.transfer import Transfer
+from minirobots.commands.policies import Robustness, Transfer
 
 BOARD = """
 columns = 14
