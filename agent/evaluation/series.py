@@ -33,13 +33,9 @@ class RunFacts(msgspec.Struct, frozen=True, kw_only=True):
     """Identity of a run, for summaries and recordings; equal runs have the same.
 
     Attributes:
-        scenario, title: of the scenario.
         seed: of start cells and speed noise.
         train_seed: of the policy; a list, the experiment's first, if it was spawned from that.
-        driver: of the co-simulation.
-        motor_fmu, motor_fmu_digest: name of the file, and identity of the FMU.
         method: by which the policy was trained, "other" for interpretations of the user's own.
-        versions: of this package, Python and libraries.
     """
 
     scenario: str
@@ -66,14 +62,9 @@ class Series:
     """Settings that all episodes of a run share.
 
     Attributes:
-        scenario, config: of every co-simulation.
-        fmu: motor FMU file.
-        policy: acts, and names the process of the recorded rewards.
         out: output folder; recordings go to `episodes/` in it.
         facts: what identifies the run; episode k draws from the seed sequence (seed, k).
         viewer: address of a running viewer that is sent what is recorded, if any.
-        record: how much of every episode is recorded.
-        progress: receives the simulated time of every episode.
         sampled: indices of the robots with recorded signals, by default `sampled_of`.
     """
 
@@ -89,13 +80,10 @@ class Series:
     sampled: tuple[int, ...] | None = None
 
     def run(self, episodes: int, threads: int) -> Iterator[EpisodeResult]:
-        """Results of the first episodes, in order, and `summary.json`.
+        """Yield the results of the first episodes, in order, and write `summary.json`.
 
         On an interrupt or an error every running episode ends after its RL step and completes its
         recording.
-
-        Raises:
-            UserError: of an FMU or a recording.
         """
         tasks = [self.task(episode) for episode in range(episodes)]
         ended: dict[int, EpisodeResult] = {}
@@ -110,11 +98,7 @@ class Series:
                 yield results[-1]
 
     def refuse_other_results(self) -> None:
-        """Refuse a folder with another run's results; those of this one are written again.
-
-        Raises:
-            ConfigError: there is another run; the message says how it differs.
-        """
+        """Refuse a folder with another run's results; those of this one are written again."""
         path = self.out / "summary.json"
         if not path.exists():
             return

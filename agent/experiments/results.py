@@ -40,10 +40,8 @@ class ExperimentResult(msgspec.Struct, frozen=True, kw_only=True):
     """Content of `results.json` for an experiment.
 
     Attributes:
-        seed: that the runs' seeds were spawned from.
         episodes: of training, of each run.
         seconds: that training took, without what was there already.
-        variants: by name.
         differences: of each variant from its reference, by measure.
         effects: of a factorial's differences, see `effects`.
     """

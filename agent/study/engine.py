@@ -1,6 +1,6 @@
 """The engine of all studies: cases become jobs, jobs episodes that are kept, and these rows."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from agent.evaluation.cases import Case, Job, run_jobs
-from agent.evaluation.claims import Claim
+from agent.evaluation.claims import Claim, JudgedClaim
 from agent.evaluation.rows import Failure, Row, measures
 from agent.study.store import EpisodeStore
 from cosim.base.errors import UserError
@@ -39,19 +39,13 @@ def case_of(
     name: str = "",
     progress: Progress = silent,
 ) -> Case:
-    """Return a policy under the options of a command.
+    """Return a policy under the options of a command; `scenario` and `world` as in `resolve`.
 
     Args:
-        policy: of training, or an `ObjectPolicy`.
-        options: of the command.
         seed: of samples of starts and of what episodes draw.
-        scenario: name, file or record; by default that of the policy.
-        world: see `resolve`.
+        scenario: by default that of the policy; others than its own are refused.
         name: of the policy, for messages.
         progress: receives what is calibrated.
-
-    Raises:
-        UserError: the policy is of another scenario; or see `resolve`.
     """
     setup = resolve(
         options_for(policy, options),
@@ -69,12 +63,8 @@ class Line:
 
     Attributes:
         indices: of the starts, see `Case.sample`.
-        policy: its name.
-        options: values of the axes, by name.
+        policy, options: of the row.
         claim: statement about the policy; the row ends with the episode that decides it.
-
-    Raises:
-        UserError: the claim is about episodes that do not end where robots collide.
     """
 
     case: Case
@@ -147,20 +137,14 @@ def measure(
         recordings: how many failures, and successes, of each row are recorded, on this machine.
         may_begin: whether another episode may begin.
         progress: receives how many have ended.
-
-    Raises:
-        UserError: of an episode or the store, or a recorded episode ends otherwise than before.
     """
-
-    def compute(jobs: Iterable[Job], may_begin: Callable[[], bool]) -> Iterable[tuple[Job, Any]]:
-        return run(jobs, store, EPISODES, where, may_begin=may_begin, progress=progress)
-
+    how: dict[str, Any] = {"where": where, "progress": progress}
     together = [Job(line.case, k) for line in lines if line.claim is None for k in line.indices]
-    for _ in compute(together, may_begin):
+    for _ in run(together, store, EPISODES, may_begin=may_begin, **how):
         pass
     for line in lines:
         if line.claim is not None:
-            _decide(line, line.claim, store, compute, may_begin)
+            _decide(line, line.claim, store, may_begin, how)
     recorded = _record(lines, store, recordings, where.count if recordings else 1, progress)
     return tuple(line.row(store, paths) for line, paths in zip(lines, recorded, strict=True))
 
@@ -169,29 +153,26 @@ def _decide(
     line: Line,
     claim: Claim,
     store: EpisodeStore,
-    compute: Callable[[Iterable[Job], Callable[[], bool]], Iterable[tuple[Job, EpisodeResult]]],
     may_begin: Callable[[], bool],
+    how: dict[str, Any],
 ) -> None:
     """Simulate episodes in their order until they decide the claim, or none may begin."""
 
-    def judge() -> None:
-        nonlocal judged
-        judged = claim.judge(store.completed_prefix(line.case, line.indices).values())
+    def judge() -> JudgedClaim:
+        return claim.judge(store.completed_prefix(line.case, line.indices).values())
 
     def undecided() -> bool:
         return judged.verdict == "undecided" and may_begin()
 
-    judged = claim.judge([])
-    judge()
+    judged = judge()
     while undecided():
-        wanted = [Job(line.case, k) for k in line.indices[: judged.enough]]
-        jobs = [job for job in wanted if store.find(job) is None]
-        if not jobs:
+        jobs = [Job(line.case, k) for k in line.indices[: judged.enough]]
+        if all(map(store.find, jobs)):
             return
-        for _, result in compute(jobs, undecided):
+        for _, result in run(jobs, store, EPISODES, may_begin=undecided, **how):
             if result.outcome in claim.against:
-                judge()
-        judge()
+                judged = judge()
+        judged = judge()
 
 
 def _record(

@@ -64,7 +64,7 @@ def evaluate(
         return case.rounds(wanted) if claim else case.sample(wanted)
 
     named = {name_of(policy): policy for policy in policy_files(policies)}
-    lines = lines_of("evaluate", named, [scenario], vars(physics), seed, indices, claim, progress)
+    lines = lines_of(named, [scenario], vars(physics), seed, indices, claim, progress)
     how = {"recordings": recordings, "progress": progress}
     return Report(seed=seed, rows=measure(lines, EpisodeStore(out), where, **how))
 

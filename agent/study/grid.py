@@ -74,11 +74,7 @@ def _known(value: float) -> float | None:
 
 
 def policy_files(named: Iterable[Any]) -> list[Any]:
-    """Return what a user named, with the policies of their runs in place of folders.
-
-    Raises:
-        UserError: a folder without runs, or nothing named.
-    """
+    """Return what a user named, with the policies of their runs in place of folders."""
     found: list[Any] = []
     for path in named:
         folder = isinstance(path, str | Path) and Path(path).is_dir()

@@ -121,7 +121,7 @@ def _draw_panel(
 
 @styled
 def draw_map(
-    panels: Panels, axes: tuple[str, str], *, quantity: str = "success", title: str = ""
+    panels: Panels, axes: Sequence[str], *, quantity: str = "success", title: str = ""
 ) -> Figure:
     """Draw a quantity of rows over two axes as colours, with its value in each cell.
 

@@ -53,11 +53,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
         return arrow_of(self._episodes() if episodes else [row.record() for row in self.rows])
 
     def to_pandas(self, *, episodes: bool = False) -> Any:
-        """Return a `pandas.DataFrame`, see `to_arrow`.
-
-        Raises:
-            UserError: pandas is not installed.
-        """
+        """Return a `pandas.DataFrame`, see `to_arrow`."""
         try:
             return self.to_arrow(episodes=episodes).to_pandas()
         except ImportError as error:
@@ -72,19 +68,15 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
             axis: by default the first one; the scenario where no option varies; both where two do.
             quantity: such as "collision", "path_length_cm" or "energy_j"; bars are its 95 %
                 interval, if it has one.
-
-        Raises:
-            ConfigError: no such option varies, or there is no such quantity.
         """
         from agent.study.plot import QUANTITIES, draw_map, draw_measure  # noqa: PLC0415 - slow
 
         require_one_of("quantity", quantity, QUANTITIES)
         label = QUANTITIES[quantity][0]
         if axis is None and len(self.axes) == 2:
-            across, up = self.axes
             panels = self._panels(lambda row: f"{row.policy}, scenario {row.scenario}")
-            title = f"{label} over {across} and {up}"
-            return draw_map(panels, (across, up), quantity=quantity, title=title)
+            title = f"{label} over {' and '.join(self.axes)}"
+            return draw_map(panels, self.axes, quantity=quantity, title=title)
         chosen = axis or (self.axes[0] if self.axes else "scenario")
         if chosen not in {*self.axes, "scenario"}:
             known = ", ".join(self.axes) or "nothing"
@@ -113,15 +105,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
         return panels
 
     def write(self, path: str | Path, quantity: str = "success") -> None:
-        """Write the table as Parquet, JSON or Markdown, or its plot as PNG, by the suffix.
-
-        Args:
-            path: file to write.
-            quantity: that the plot shows, see `plot`.
-
-        Raises:
-            ConfigError: the suffix is another one, or there is no such quantity.
-        """
+        """Write the table as Parquet, JSON or Markdown, or its `plot` as PNG, by the suffix."""
         path = Path(validate_argument("path", path, Path))
         match path.suffix:
             case ".json":

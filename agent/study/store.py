@@ -45,11 +45,7 @@ class EpisodeStore:
             )
 
     def results(self, case: Case) -> dict[int, EpisodeResult]:
-        """Return the episodes of a case by index of the start, read at the first call.
-
-        Raises:
-            UserError: the file is damaged, or is none of results.
-        """
+        """Return the episodes of a case by index of the start, read at the first call."""
         if case.digest not in self._found:
             self._found[case.digest] = {}
             if self.path is not None and self.path.exists():
@@ -73,12 +69,7 @@ class EpisodeStore:
         return self.results(job.case).get(job.index)
 
     def keep(self, job: Job, row: EpisodeResult) -> None:
-        """Keep the result of an episode, whole or not at all.
-
-        Raises:
-            UserError: the file cannot be written.
-            OSError: its folder cannot be.
-        """
+        """Keep the result of an episode, whole or not at all."""
         self.results(job.case)[job.index] = row
         if self.path is None:
             return
@@ -124,9 +115,6 @@ def export(folder: Path, path: Path) -> None:
 
     Columns are those of `EpisodeResult`, the index of the start, what identifies the case, and
     every parameter by its name.
-
-    Raises:
-        UserError: the folder has no results, or their file is damaged.
     """
     file, rows = folder / FILE, list[dict[str, Any]]()
     query = "SELECT identity, start, result FROM episodes JOIN cases USING (digest)"

@@ -15,6 +15,7 @@ import numpy as np
 from agent.evaluation.cases import Case
 from agent.evaluation.claims import Claim, claim_of
 from agent.evaluation.rows import Row
+from agent.mdp.exact import joint_starts
 from agent.study.engine import Line, case_of, measure
 from agent.study.policies import name_of, policy_of
 from agent.study.report import SUFFIXES, Report
@@ -23,9 +24,10 @@ from cosim.base.arguments import ConfigError, to_plain, validate_argument, valid
 from cosim.base.jobs import Backend, Workers, until
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.reading import Kind, read_toml
+from cosim.model.preset import PAPER
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
-from cosim.simulation.options import options_of
+from cosim.simulation.options import Physics, options_of
 
 _LOGGER = logging.getLogger(__name__)
 _FILE = Kind("study", "see docs/studies.md")
@@ -37,7 +39,7 @@ def study(
     policies: Any,
     scenario: Any = None,
     *,
-    episodes: int = 50,
+    episodes: int | None = 50,
     claim: str | None = None,
     confidence: float | None = None,
     seed: int = 0,
@@ -63,7 +65,8 @@ def study(
             "module:Name", or any objects with `act(observation)`.
         scenario: name, file or record, or a list of them; by default that of every policy's file.
         episodes: of every row, from a sample of starts that all rows of a scenario share; all
-            starts where there are fewer, or with a claim these again, each time with other noise.
+            starts where there are fewer, or with a claim these again, each time with other noise;
+            None is one from every start.
         claim: "RATE < p" or "RATE > p" about every row, with the rate of collision, out_of_board,
             timeout, failure or success. A row ends with the episode that certifies or refuses it.
         confidence: least probability that a verdict is right, by default 0.999.
@@ -92,19 +95,37 @@ def study(
     scenarios = scenario if isinstance(scenario, list | tuple) else [scenario]
     folder: Path | None = validate_argument("out", out, Path | None)
     named, seed = _named(policies), validate_seed(seed)
-    if validate_argument("episodes", episodes, int) < 1:
+    if episodes is not None and validate_argument("episodes", episodes, int) < 1:
         raise ConfigError(f"episodes = {episodes} must be at least 1")
 
     def indices(case: Case) -> list[int]:
-        return case.rounds(episodes) if judged else case.sample(min(episodes, len(case.starts)))
+        wanted = episodes or len(case.starts)
+        return case.rounds(wanted) if judged else case.sample(min(wanted, len(case.starts)))
 
     given = {"world": world, **options}
-    lines = lines_of("study", named, scenarios, given, seed, indices, judged, report)
-    return _measured(lines, folder, where, seed, may_begin, report)
+    lines = lines_of(named, scenarios, given, seed, indices, judged, report)
+    odd = [line.policy for line in lines if not getattr(line.case.policy, "recognizable", True)]
+    if folder is not None and odd:
+        _LOGGER.warning(
+            "%s: its source is in no file or it cannot be pickled; the study's episodes are kept "
+            "in memory only and will not be found again",
+            ", ".join(dict.fromkeys(odd)),
+        )
+    store = EpisodeStore(None if folder is None or odd else folder / "results")
+    measured = measure(lines, store, where, may_begin=may_begin, progress=report)
+    rows = tuple(
+        msgspec.structs.replace(row, results=line.results(store))
+        for row, line in zip(measured, lines, strict=True)
+    )
+    table = Report(rows=rows, axes=tuple(lines[0].options), seed=seed)
+    if folder is not None:
+        for suffix in SUFFIXES:
+            table.write(folder / f"study{suffix}")
+        table.write_episodes(folder / "episodes.parquet")
+    return table
 
 
 def lines_of(
-    call: str,
     named: Mapping[str, Any],
     scenarios: Sequence[Any],
     given: Mapping[str, Any],
@@ -116,7 +137,6 @@ def lines_of(
     """Return policies by name in every combination of scenarios and options.
 
     Args:
-        call: named in messages about options.
         named: what `policy_of` takes.
         scenarios: None for that of every policy's file.
         given: `world` and options of `minirobots run`; a list is an axis.
@@ -135,44 +155,13 @@ def lines_of(
         chosen = dict(zip(axes, values, strict=True))
         physics = {**given, **chosen}
         world = physics.pop("world")
-        setup = options_of(call, physics)
+        setup = options_of("study", physics)
         only = None if board is None else setup.board(find_in_world(board, world)[0])
         acting = found.get((name, only)) or policy_of(policy, only, seed=seed, progress=progress)
         found[name, only] = acting
         case = case_of(acting, setup, seed, board, world=world, name=name, progress=progress)
         lines.append(Line(case, indices(case), name, chosen, claim))
     return lines
-
-
-def _measured(
-    lines: Sequence[Line],
-    out: Path | None,
-    where: Workers,
-    seed: int,
-    may_begin: Callable[[], bool],
-    progress: Progress,
-) -> Report:
-    """Return the report of a study with its episodes; write it to a folder, if there is one."""
-    odd = [line.policy for line in lines if not getattr(line.case.policy, "recognizable", True)]
-    if out is not None and odd:
-        _LOGGER.warning(
-            "%s: its source is in no file or it cannot be pickled; the study's episodes are kept "
-            "in memory only and will not be found again",
-            ", ".join(dict.fromkeys(odd)),
-        )
-    store = EpisodeStore(None if out is None or odd else out / "results")
-    rows = tuple(
-        msgspec.structs.replace(row, results=line.results(store))
-        for row, line in zip(
-            measure(lines, store, where, may_begin=may_begin, progress=progress), lines, strict=True
-        )
-    )
-    report = Report(rows=rows, axes=tuple(lines[0].options), seed=seed)
-    if out is not None:
-        for suffix in SUFFIXES:
-            report.write(out / f"study{suffix}")
-        report.write_episodes(out / "episodes.parquet")
-    return report
 
 
 def _named(policies: Any) -> dict[str, Any]:
@@ -210,22 +199,12 @@ def read_study(path: Path) -> dict[str, Any]:
     return content
 
 
-@showing
 def evaluate(
     policy: Any,
     scenario: str | Path | Scenario | None = None,
     *,
     starts: int | None = None,
     claim: str | None = None,
-    confidence: float | None = None,
-    seed: int = 0,
-    world: Any = None,
-    out: str | Path | None = None,
-    jobs: int = -1,
-    backend: Backend = "threads",
-    address: str | None = None,
-    budget_minutes: float | None = None,
-    progress: Progress | None = automatic,
     **options: Any,
 ) -> Row:
     """Simulate episodes of one policy on all cores, and return what it achieves.
@@ -246,9 +225,9 @@ def evaluate(
         scenario: name, file or record; by default that of the policy's file.
         starts: how many to sample without replacement, by default 20. With a claim by default all,
             and if it is more than there are they begin again, each time with other noise.
-        claim, confidence, seed, world, out, jobs, backend, address, budget_minutes, progress: see
-            `study`.
-        options: of `minirobots run`, such as `mu`; one value each.
+        claim: see `study`.
+        options: `confidence`, `seed`, `world`, `jobs`, `backend`, `out`, `progress` and others of
+            `study`, and those of `minirobots run`, such as `mu`; one value each.
 
     Returns:
         Rates with their 95 % Wilson intervals, means, `failures`, `results`, which are the episodes
@@ -257,21 +236,23 @@ def evaluate(
     Raises:
         UserError: see its message.
     """
-    if starts is not None and validate_argument("starts", starts, int) < 1:
-        raise ConfigError(f"starts = {starts} must be at least 1")
-    given = {"world": world, **options}
-    varying = [name for name, value in given.items() if isinstance(value, list | np.ndarray)]
+    if "episodes" in options:
+        raise ConfigError("evaluate has no option episodes; give starts, an episode each")
+    varying = [name for name, value in options.items() if isinstance(value, list | np.ndarray)]
     if varying or isinstance(policy, list | Mapping) or isinstance(scenario, list | tuple):
         raise ConfigError("evaluate takes one value of each option; study takes several")
-    report, judged, seed = progress or silent, claim_of(claim, confidence), validate_seed(seed)
-    where, may_begin = Workers(jobs=jobs, backend=backend, address=address), until(budget_minutes)
-    folder: Path | None = validate_argument("out", out, Path | None)
-
-    def indices(case: Case) -> list[int]:
-        if judged:
-            return case.rounds(starts or len(case.starts))
-        return case.sample(starts or min(20, len(case.starts)))
-
-    named = {name_of(policy): policy}
-    lines = lines_of("evaluate", named, [scenario], given, seed, indices, judged, report)
-    return _measured(lines, folder, where, seed, may_begin, report).rows[0]
+    name, episodes = name_of(policy), starts
+    if starts is None:
+        episodes = None if claim else 20
+    elif validate_argument("starts", starts, int) < 1:
+        raise ConfigError(f"starts = {starts} must be at least 1")
+    elif claim is None:
+        board = None if scenario is None else find_in_world(scenario, options.get("world"))[0]
+        if board is not None:
+            board = Physics(preset=options.get("preset", PAPER)).board(board)
+        known = {"seed": options.get("seed", 0), "progress": options.get("progress") or silent}
+        policy = policy_of(policy, board, **known)
+        if starts > (available := len(joint_starts(policy.process))):
+            raise ConfigError(f"starts = {starts}: there are only {available} starts; ask for less")
+    (row,) = study({name: policy}, scenario, episodes=episodes, claim=claim, **options).rows
+    return row

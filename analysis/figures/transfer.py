@@ -71,11 +71,7 @@ def caption(rows: list[Row]) -> Caption:
 
 
 def make(results: Path) -> Drawing:
-    """Draw the figure of a results folder.
-
-    Raises:
-        UserError: there is no such result, it is damaged, or it has no row with episodes.
-    """
+    """Draw the figure of a results folder, which has a table with episodes."""
     rows = [row for row in read_transfer(results).rows if row.success is not None]
     if not rows:
         raise UserError("the table of `minirobots transfer` has no rows with episodes")

@@ -11,7 +11,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from minirobots.commands.train import Train
+from minirobots.commands.policies import Train
 
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy
