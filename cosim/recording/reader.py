@@ -14,11 +14,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 
 from cosim.base.errors import FileError
 from cosim.base.reading import Kind, parsing, require_file
 from cosim.base.storage import replacing, require_suffix
+from cosim.model.scenario import Scenario
 from cosim.recording.file import Kept
 from cosim.recording.rrd import Signal, Texts, read_chunks, read_rrd
 from cosim.recording.series import ENDED, GIVEN_UP, OUTCOME, STILL_RUNNING
@@ -55,6 +57,12 @@ class DrivenMove(NamedTuple):
     direction: str
     ended: bool
     given_up: bool
+
+
+class _Simulated(msgspec.Struct):
+    """The part of a recording's property `origin` that is read here."""
+
+    scenario: Scenario
 
 
 class SignalError(FileError, KeyError):
@@ -130,6 +138,7 @@ class Episode:
             "/sim/r1/motors/omega" or, in short, "r1/motors/omega".
         texts: states and the log by entity path, such as "/rl/r1/failure".
         moves: of each robot, in order.
+        scenario: its board; None in recordings of other programs.
     """
 
     recording: Path | Kept
@@ -143,6 +152,7 @@ class Episode:
     signals: Signals
     texts: Mapping[str, Texts]
     moves: Mapping[str, tuple[DrivenMove, ...]]
+    scenario: Scenario | None
 
     @property
     def path(self) -> Path:
@@ -225,6 +235,8 @@ def read_episode(recording: Path | Kept) -> Episode:
             name: Parameter(**json.loads(text))
             for name, text in data.properties.get("parameters", {}).items()
         }
+        origin = data.properties.get("origin", {}).get("task")
+        scenario = msgspec.json.decode(origin, type=_Simulated).scenario if origin else None
     return Episode(
         recording=recording,
         recording_id=data.recording_id,
@@ -237,6 +249,7 @@ def read_episode(recording: Path | Kept) -> Episode:
         signals=Signals(str(path), data.signals),
         texts=data.texts,
         moves={r: _moves(data.texts.get(f"/rl/{r}/move", _NOTHING), time_s) for r in robots},
+        scenario=scenario,
     )
 
 

@@ -210,7 +210,7 @@ def test_episodes_are_exported(whole, tmp_path):
     [
         ({"starts": "many"}, "--starts many is neither 'all' nor a positive number"),
         ({"starts": "0"}, "--starts 0 is neither"),
-        ({"recordings": -1}, "--recordings must not be negative"),
+        ({"recordings": -1}, "recordings = -1 is invalid: expected int >= 0"),
     ],
 )
 def test_bad_options_are_refused(options, message):

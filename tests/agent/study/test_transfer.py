@@ -164,14 +164,14 @@ def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
 @pytest.mark.parametrize(
     ("command", "options", "message"),
     [
-        (Transfer, {"budget_minutes": -1.0}, "--budget-minutes must not be negative"),
+        (Transfer, {"budget_minutes": -1.0}, "budget_minutes = -1.0 is invalid"),
         (Transfer, {"scenarios": ("7",)}, "unknown scenario '7'"),
         (Transfer, {"scenarios": ("4", "4")}, "--scenarios has two of one name"),
         (Transfer, {"scenarios": ()}, "at least one each"),
         (Transfer, {"methods": ()}, "at least one each"),
         (Robustness, {"episodes": 0}, "--episodes"),
         (Robustness, {"seed": -1}, "--seed"),
-        (Robustness, {"budget_minutes": -1.0}, "--budget-minutes must not be negative"),
+        (Robustness, {"budget_minutes": -1.0}, "budget_minutes = -1.0 is invalid"),
         (Robustness, {"quick": True, "episodes": 3}, "--episodes contradicts --quick"),
         (Robustness, {"methods": ("paper", "fastest")}, "fastest"),
         (Robustness, {"methods": ()}, "at least one each"),

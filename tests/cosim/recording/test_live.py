@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from minirobots.commands.run import Run, run
 from rerun.chunk import RrdReader
 
 from cosim.base.arguments import ConfigError
@@ -20,6 +19,7 @@ from cosim.base.progress import silent
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
+from minirobots.commands.episodes import Run
 
 RERUN = Path(sys.executable).with_name("rerun")
 
@@ -163,12 +163,11 @@ def test_address_that_is_none_is_named(how, url):
 
 def test_missing_viewer_is_told_before_anything_is_done(tmp_path):
     url = address(free_port())
-    options = Run(live=True, viewer=url, out=tmp_path / "x")
     with pytest.raises(UserError, match="no Rerun viewer answers at"):
-        next(run(options, silent))
+        Run(live=True, viewer=url, out=tmp_path / "x").run(silent)
     assert not (tmp_path / "x").exists()
 
 
 def test_nothing_recorded_cannot_be_watched():
     with pytest.raises(ConfigError, match="choose another --record"):
-        Run(live=True, record="none")
+        Run(live=True, no_record=True)
