@@ -166,7 +166,7 @@ class Evaluate(Command):
             exact = grid.report_of((str(path), load_policy(path)) for path in paths)
             return Output(exact, partial(grid.show, exact))
         from agent.evaluation.claims import claim_of
-        from agent.study.evaluate import evaluate, show
+        from agent.study.studies import evaluate, show_evaluation
 
         report = evaluate(
             policies,
@@ -183,7 +183,7 @@ class Evaluate(Command):
         recordings = [path for row in report.rows for path in row.recordings]
         return Output(
             report,
-            partial(show, report),
+            partial(show_evaluation, report),
             f"results in {self.out}/",
             *(f"open with: {in_shell('rerun')} {path}" for path in recordings[:1]),
             failed=any(row.claim and row.claim.verdict != "certified" for row in report.rows),
@@ -281,7 +281,7 @@ class Transfer(Comparison):
             raise ConfigError("--scenarios has two of one name; leave one out, or rename it")
 
     def run(self, progress: Progress) -> Output:
-        from agent.study.published import show, transfer
+        from agent.study.studies import show, transfer
 
         report = transfer(**vars(self), progress=progress)
         files = f"table in {self.out}/: transfer.json, transfer.md"
@@ -322,7 +322,7 @@ class Robustness(Comparison):
         find_scenario(self.scenario, ideal=True)
 
     def run(self, progress: Progress) -> Output:
-        from agent.study.published import OF_WORLDS, robustness
+        from agent.study.studies import OF_WORLDS, robustness
         from cosim.base.table import show
 
         report = robustness(**{**vars(self), "world": read_world(self.world)}, progress=progress)

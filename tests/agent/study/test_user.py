@@ -212,8 +212,12 @@ def test_a_file_has_nothing_of_the_command(tmp_path):
         (Stubborn(), {"scenario": NEAR, "out": 5}, "out = 5 is invalid"),
         (Stubborn(), {"scenario": NEAR, "jobs": "x"}, "jobs = 'x' is invalid"),
         (Stubborn(), {"scenario": NEAR, "backend": "x"}, "backend = 'x' is unknown"),
-        (Stubborn(), {"scenario": NEAR, "budget_minutes": -1}, "budget_minutes = -1 is invalid"),
-        (Stubborn(), {"scenario": NEAR, "budget_minutes": np.nan}, "budget_minutes = nan is invalid"),
+        (Stubborn(), {"scenario": NEAR, "budget_minutes": -1}, "minutes = -1 is invalid"),
+        (
+            Stubborn(),
+            {"scenario": NEAR, "budget_minutes": np.nan},
+            "budget_minutes = nan is invalid",
+        ),
     ],
 )
 def test_mistakes_are_named(policies, options, message):
