@@ -32,7 +32,6 @@ def validation(out: Path, where: Workers) -> Any:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(measurement, "SPEEDS", SPEEDS[-2:])
         patch.setattr(measurement, "PATHS", ())
-        patch.setattr(measurement, "sideways", lambda *_: [])
         patch.setattr(measurement, "cache_dir", lambda _: out)
         fmu = SimulationOptions().fmu()
         return measurement.validate(fmu, measurement.QUICK, where=where).speeds
