@@ -6,7 +6,6 @@ from pathlib import Path
 
 import msgspec
 
-from agent.evaluation.grid import PolicyMeasures, report_of
 from agent.experiments.results import (
     RESULTS_FILE,
     SUMMARY_FILE,
@@ -16,7 +15,8 @@ from agent.experiments.results import (
     differences,
     effects,
 )
-from agent.experiments.variants import EXPERIMENTS, REFERENCES, Name
+from agent.experiments.variants import Name, variants_of
+from agent.study.grid import report_of
 from agent.training.recording import require_tensorboard, write_events, write_runs
 from agent.training.runs import RECORDING_FILE, Experiment, make_runs, run_name
 from agent.training.settings import LearningConfig
@@ -38,32 +38,26 @@ def train_and_evaluate(
     """Train the runs of one configuration, evaluate them and write `summary.json`.
 
     Args:
-        experiment: what to train.
         out: folder, which may have some of the runs already.
         where, progress: see `agent.training.runs.make_runs`.
         log: folder of event files for TensorBoard, one in a folder for each run.
-
-    Raises:
-        UserError: see `agent.training.runs.make_runs`; or event files cannot be written.
     """
     if log is not None:
         require_tensorboard()
-    began = time.perf_counter()
-    scenario = experiment.scenario.name
-    results = make_runs(
-        experiment, out, where=where, progress=progress, task=f"scenario {scenario}"
-    )
+    began, scenario = time.perf_counter(), experiment.scenario.name
+    task = f"scenario {scenario}"
+    results = make_runs(experiment, out, where=where, progress=progress, task=task)
     seconds = time.perf_counter() - began
     if log is not None:
         for number, (_, curves) in enumerate(results):
             write_events(log / run_name(number), curves)
-    named = enumerate(policy for policy, _ in results)
-    report = report_of((f"{run_name(k)}/{POLICY_FILE}", policy) for k, policy in named)
     if experiment.runs > 1:
         facts = {"scenario": scenario, "seed": experiment.seed}
         write_runs(out / RECORDING_FILE, [curves for _, curves in results], facts)
+    named = enumerate(policy for policy, _ in results)
+    report = report_of((f"{run_name(k)}/{POLICY_FILE}", policy) for k, policy in named)
     summary = TrainingSummary(
-        policies=report.policies,
+        rows=report.rows,
         over_policies=report.over_policies,
         seed=experiment.seed,
         seconds=seconds,
@@ -86,36 +80,29 @@ def run_experiment(
     """Train and evaluate all variants of an experiment and write `results.json`.
 
     Args:
-        name: of the experiment.
         out: folder, which may have some of the runs already.
         runs: of each variant.
         seed: that the runs' seeds are spawned from, the same for all variants.
         episodes: of training, of each run.
         where, progress: see `agent.training.runs.make_runs`.
-
-    Raises:
-        UserError: see `agent.training.runs.make_runs`.
     """
     began = time.perf_counter()
     variants: dict[str, VariantResult] = {}
-    for key, variant in EXPERIMENTS[name].items():
-        experiment = Experiment(
-            find_scenario(variant.scenario),
-            variant.process,
-            replace(variant.learning, episodes=episodes),
-            seed,
-            runs,
-        )
-        results = make_runs(
-            experiment, out / key, where=where, progress=progress, task=variant.label
-        )
-        named = enumerate(policy for policy, _ in results)
+    for key, variant in variants_of(name).items():
+        learning = replace(variant.learning, episodes=episodes)
+        board = find_scenario(variant.scenario)
+        experiment = Experiment(board, variant.process, learning, seed, runs)
+        how = {"where": where, "progress": progress, "task": variant.label}
+        named = enumerate(policy for policy, _ in make_runs(experiment, out / key, **how))
         report = report_of((f"{key}/{run_name(k)}", policy) for k, policy in named)
-        # no single failures
-        rows = msgspec.convert(report.policies, tuple[PolicyMeasures, ...], from_attributes=True)
-        statistics = report.over_policies[variant.scenario]
-        variants[key] = VariantResult(variant.label, variant.scenario, rows, statistics)
-    compared = differences(variants, REFERENCES.get(name, {}))
+        variants[key] = VariantResult(
+            variant.label,
+            variant.scenario,
+            variant.reference,
+            tuple(msgspec.structs.replace(row, failures=()) for row in report.rows),
+            report.over_policies[variant.scenario],
+        )
+    compared = differences(variants)
     result = ExperimentResult(
         experiment=name,
         seed=seed,

@@ -93,9 +93,9 @@ class Train(Command):
         return f"train-{find_scenario(self.scenario).name}"
 
     def run(self, progress: Progress) -> Output:
-        from agent.evaluation.grid import show
         from agent.experiments.run import train_and_evaluate
         from agent.moves.model import ObservedMoves
+        from agent.study.grid import show
         from agent.training.methods import find_method, method_config
         from agent.training.runs import Experiment
 
@@ -180,14 +180,14 @@ class Evaluate(Command):
     def run(self, progress: Progress) -> Output:
         policies = (*self.policies, *self.policy)
         if self.grid:
-            from agent.evaluation import grid
+            from agent.study import grid
             from agent.training.policy import load_policy
 
             paths = grid.policy_files(tuple(map(Path, policies)))
             exact = grid.report_of((str(path), load_policy(path)) for path in paths)
             return Output(exact, partial(grid.show, exact))
         from agent.evaluation.claims import claim_of
-        from agent.study.evaluate import evaluate, show
+        from agent.study.studies import evaluate, show_evaluation
 
         report = evaluate(
             policies,
@@ -201,13 +201,13 @@ class Evaluate(Command):
             where=self.where,
             progress=progress,
         )
-        recordings = [path for row in report.policies for path in row.recordings]
+        recordings = [path for row in report.rows for path in row.recordings]
         return Output(
             report,
-            partial(show, report),
+            partial(show_evaluation, report),
             f"results in {self.out}/",
             *(f"open with: {in_shell('rerun')} {path}" for path in recordings[:1]),
-            failed=any(row.claim and row.claim.verdict != "certified" for row in report.policies),
+            failed=any(row.claim and row.claim.verdict != "certified" for row in report.rows),
         )
 
 
@@ -302,7 +302,7 @@ class Transfer(Comparison):
             raise ConfigError("--scenarios has two of one name; leave one out, or rename it")
 
     def run(self, progress: Progress) -> Output:
-        from agent.study.transfer import show, transfer
+        from agent.study.studies import show, transfer
 
         report = transfer(**vars(self), progress=progress)
         files = f"table in {self.out}/: transfer.json, transfer.md"
@@ -343,7 +343,7 @@ class Robustness(Comparison):
         find_scenario(self.scenario, ideal=True)
 
     def run(self, progress: Progress) -> Output:
-        from agent.study.transfer import OF_WORLDS, robustness
+        from agent.study.studies import OF_WORLDS, robustness
         from cosim.base.table import show
 
         report = robustness(**{**vars(self), "world": read_world(self.world)}, progress=progress)

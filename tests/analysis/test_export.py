@@ -90,6 +90,7 @@ def made_up(signals=None, texts=None) -> Episode:
         Signals(str(MADE_UP), signals or {}),
         texts or {},
         {},
+        None,
     )
 
 

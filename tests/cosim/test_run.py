@@ -259,7 +259,7 @@ def test_a_folder_in_use_is_refused(command, tmp_path, name):
 def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with contextlib.ExitStack() as stack:
-        runs = [stack.enter_context(Run(scenario="2").alone()).out for _ in range(3)]
+        runs = [stack.enter_context(Run(scenario="2").alone()).out or Path() for _ in range(3)]
         assert len(set(runs)) == 3
         (runs[0] / "summary.json").touch()
     assert [run.exists() for run in runs] == [True, False, False]

@@ -26,7 +26,7 @@ from cosim.fmi.motor import Motor, MotorFmu
 from cosim.machine.identification.track import COLUMNS, read_track
 from cosim.model.config import CoSimConfig
 from cosim.model.params import MotorParams, RobotParams
-from cosim.model.preset import WORLD_FIELDS, find_preset
+from cosim.model.preset import FIELDS, find_preset
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world, in_world, read_world
 from cosim.model.world import Sensor, World
@@ -118,7 +118,9 @@ PRESET = st.builds(
     lambda *parts: {k: v for some in parts for k, v in some.items()},
     optional_table(table(*RobotParams._fields, "source"), "robot"),
     optional_table(table(*MotorParams._fields, "source"), "motor"),
-    optional_table(st.builds(lambda a, b: a | b, table(*WORLD_FIELDS, "source"), SENSOR), "world"),
+    optional_table(
+        st.builds(lambda a, b: a | b, table(*FIELDS["world"], "source"), SENSOR), "world"
+    ),
     st.just({}) | table("source"),
 )
 SETTINGS = st.builds(

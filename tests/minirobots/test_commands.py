@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -40,7 +41,7 @@ def program(command):
     return lambda *arguments: command(minirobots.__main__, *arguments)
 
 
-def python(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
+def python(*arguments: str, **options) -> subprocess.CompletedProcess[Any]:
     options = {"text": True, **options}
     return subprocess.run([sys.executable, *arguments], capture_output=True, check=False, **options)
 

@@ -4,6 +4,7 @@ import json
 import shutil
 import sys
 from types import SimpleNamespace
+from typing import get_args
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from matplotlib.patches import Rectangle
 
 from agent.experiments.results import show
-from agent.experiments.variants import EXPERIMENTS
+from agent.experiments.variants import Name, variants_of
 from analysis.figures import fig05
 from analysis.figures.learning import (
     POINTS,
@@ -53,7 +54,7 @@ def test_curves_are_those_of_the_runs(results):
         assert log.episode.tolist() == [1000, 2000, 3000]
         drawn = np.asarray(own.get_ydata())
         np.testing.assert_allclose(drawn, 100.0 * variant.curves("success").mean(axis=0))
-        final = [100.0 * run.success for run in content.variants[variant.scenario].runs]
+        final = [100.0 * (run.success or 0.0) for run in content.variants[variant.scenario].runs]
         assert np.asarray(greedy_mean.get_ydata())[-1] == pytest.approx(np.mean(final))
     assert greedy_path.get_ylabel() == "path length in cm"
 
@@ -147,7 +148,7 @@ def test_variants_are_compared_run_by_run(results, capsys):
     content = read_experiment("fig10", results)
     runs = {name: variant.runs for name, variant in content.variants.items()}
     pairs = zip(runs["c5"], runs["c1.5"], strict=True)
-    expected = np.mean([a.success - b.success for a, b in pairs])
+    expected = np.mean([(a.success or 0.0) - (b.success or 0.0) for a, b in pairs])
     assert content.differences["c5"]["success"].mean == pytest.approx(expected)
     assert "c1.5" not in content.differences
     show(content)
@@ -155,6 +156,8 @@ def test_variants_are_compared_run_by_run(results, capsys):
 
 
 def test_every_experiment_changes_one_thing_of_the_default():
-    for variants in EXPERIMENTS.values():
+    for name in get_args(Name):
+        variants = variants_of(name)
         distinct = {(v.scenario, v.process, v.learning) for v in variants.values()}
+        assert {v.reference for v in variants.values()} <= {None, *variants}
         assert len(distinct) == len(variants)

@@ -33,6 +33,7 @@ def made_up(
         Signals("made up", signals),
         {f"/rl/{robot}/failure": lacks for robot in x_m} if outcome == "timeout" else {},
         dict.fromkeys(x_m, ()),
+        None,
     )
 
 
