@@ -1,6 +1,5 @@
 """The tutorial, run as it stands."""
 
-import json
 import re
 import shlex
 import subprocess
@@ -8,7 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from pyarrow import parquet
 
+from agent.study.store import FILE, export
 from analysis.motor.step_test import LOOPS
 from analysis.reading.motor_test import read
 
@@ -56,9 +57,9 @@ def test_tutorial_runs_as_written(follow, tmp_path, capsys):
     assert "success after" in capsys.readouterr().out
     runs = tmp_path / "runs"
     for name, expected in (("greedy", "collision"), ("learnt", "success")):
-        (file,) = (runs / name).glob("*.jsonl")
-        outcomes = [json.loads(line)["outcome"] for line in file.read_text().splitlines()[1:]]
+        export(runs / name, runs / "episodes.parquet")
+        outcomes = parquet.read_table(runs / "episodes.parquet")["outcome"].to_pylist()
         assert outcomes == [expected] * 10
-    assert len(list((runs / "claim").glob("*.jsonl"))) == 1  # certified: the command has status 0
+    assert (runs / "claim" / FILE).exists()  # certified: the command has status 0
     rows = (runs / "friction" / "study.md").read_text().splitlines()[2:]
     assert [row.split(" | ")[0].strip("| ") for row in rows] == ["greedy"] * 2 + ["learnt"] * 2

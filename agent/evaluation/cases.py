@@ -1,8 +1,7 @@
 """Episodes of a policy from enumerated starts in the co-simulation.
 
 Every start has an index, every index its own noise: an episode is determined by its case and its
-index, not by other episodes or their order. Results are kept by `agent.study.store`, statistics
-are `agent.evaluation.outcomes`, the command lines `minirobots evaluate` and `minirobots transfer`.
+index, not by other episodes or their order.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -48,12 +47,9 @@ class CaseIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Case:
-    """A policy under one configuration of the co-simulation.
+    """A policy, in its own scenario, under one configuration of the co-simulation.
 
     Attributes:
-        policy: acts; its scenario is the one simulated.
-        config: of the co-simulation.
-        fmu: motor FMU file.
         seed: of samples of starts and of the speed noise.
     """
 
@@ -68,50 +64,41 @@ class Case:
         return joint_starts(self.policy.process)
 
     def sample(self, count: int) -> list[int]:
-        """Distinct indices of starts in an order drawn with the seed.
+        """Return distinct indices of starts in an order drawn with the seed.
 
         A smaller sample is the beginning of a larger one, and whatever was simulated of a sample
         is a sample itself.
 
-        Args:
-            count: how many.
-
         Raises:
             UserError: there are fewer.
         """
-        available = len(self.starts)
-        if count > available:
+        if count > len(self.starts):
             raise UserError(
-                f"scenario {self.policy.config.scenario.name} has only {available} starts, "
+                f"scenario {self.policy.config.scenario.name} has only {len(self.starts)} starts, "
                 f"not {count}; ask for at most that many"
             )
-        return self._order()[:count]
+        return self.rounds(count)
 
     def rounds(self, count: int) -> list[int]:
-        """Indices that go round all starts, again and again, each with noise of its own.
+        """Return indices that go round all starts, again and again, each with noise of its own.
 
-        Every round has an order of its own; the first one is that of `sample`.
-
-        Args:
-            count: how many; the beginning of any larger number.
+        Every round has an order of its own; fewer are the beginning of more.
         """
-        available = len(self.starts)
-        numbers = range(-(-count // available))
-        return [k * available + index for k in numbers for index in self._order(k)][:count]
-
-    def _order(self, number: int = 0) -> list[int]:
-        key = (_ORDER, number) if number else (_ORDER,)
-        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=key))
-        return rng.permutation(len(self.starts)).tolist()
+        available, indices = len(self.starts), list[int]()
+        for number in range(-(-count // available)):
+            key = (_ORDER, number) if number else (_ORDER,)
+            rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=key))
+            indices += (number * available + rng.permutation(available)).tolist()
+        return indices[:count]
 
     @cached_property
     def identity(self) -> CaseIdentity:
-        """Return what decides the result of every episode."""
-        policy = self.policy
+        """What decides the result of every episode."""
+        scenario = self.policy.config.scenario
         return CaseIdentity(
-            scenario=policy.config.scenario.name,
-            scenario_digest=policy.config.scenario.digest(),
-            policy_digest=policy.digest(),
+            scenario=scenario.name,
+            scenario_digest=scenario.digest(),
+            policy_digest=self.policy.digest(),
             seed=self.seed,
             motor_fmu_digest=identity_of_fmu(self.fmu),
             parameters={name: row["value"] for name, row in self.config.table().items()},
@@ -124,30 +111,17 @@ class Case:
         return digest_of(self.identity)
 
     def start_cells(self, index: int) -> tuple[Cell, ...]:
-        """Start cell of each robot; beyond the last start they begin again, see `rounds`."""
+        """Return the start cell of each robot; after the last start they begin again."""
         return tuple((int(x), int(y)) for x, y in self.starts[index % len(self.starts)])
 
     def noise_seed(self, index: int) -> np.random.SeedSequence:
-        """Seed of the speed noise of an episode, and of what its world draws."""
+        """Return the seed of the speed noise of an episode, and of what its world draws."""
         return np.random.SeedSequence(self.seed, spawn_key=(_NOISE, index))
-
-    def recorder(self, path: Path, index: int, episode: RunningEpisode) -> EpisodeRecorder:
-        """Recorder of the episode from a start."""
-        scenario = self.policy.config.scenario
-        facts = episode_facts(scenario, self.seed, self.fmu, index, self.start_cells(index))
-        facts |= {"train_episodes": self.policy.episodes, "method": method_name(self.policy)}
-        return recorder_of(episode, path, f"{self.digest}-{index}", facts)
 
 
 @dataclass(frozen=True)
 class Job:
-    """An episode to simulate.
-
-    Attributes:
-        case: policy and configuration.
-        index: of the start.
-        recording: where to record it, if at all.
-    """
+    """An episode to simulate, from the start of an index, and where to record it, if at all."""
 
     case: Case
     index: int
@@ -160,16 +134,24 @@ class Job:
 
     def task(self) -> Task:
         """Return what to simulate."""
-        case, path, config = self.case, self.recording, self.case.config
+        case, config = self.case, self.case.config
         return Task(
             case.policy.config.scenario,
             case.fmu,
-            config if path is None else with_bursts(config, "default"),
+            config if self.recording is None else with_bursts(config, "default"),
             case.policy,
             case.start_cells(self.index),
             case.noise_seed(self.index),
-            None if path is None else lambda episode: case.recorder(path, self.index, episode),
+            None if self.recording is None else self._recorder,
         )
+
+    def _recorder(self, episode: RunningEpisode) -> EpisodeRecorder:
+        assert self.recording is not None
+        case, index, policy = self.case, self.index, self.case.policy
+        starts = case.start_cells(index)
+        facts = episode_facts(policy.config.scenario, case.seed, case.fmu, index, starts)
+        facts |= {"train_episodes": policy.episodes, "method": method_name(policy)}
+        return recorder_of(episode, self.recording, f"{case.digest}-{index}", facts)
 
 
 def run_jobs(

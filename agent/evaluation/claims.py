@@ -28,7 +28,6 @@ class JudgedClaim(msgspec.Struct, frozen=True):
     """A claim, its verdict and the evidence.
 
     Attributes:
-        text: the claim.
         confidence: least probability that the verdict is right, for any policy.
         verdict: certified, refused, or undecided because there are too few episodes.
         episodes: number of episodes until the decision, or in all.
@@ -53,14 +52,7 @@ class JudgedClaim(msgspec.Struct, frozen=True):
 
 
 class Claim(NamedTuple):
-    """A statement about a policy.
-
-    Attributes:
-        text: as text.
-        against: outcomes of episodes that contradict it.
-        limit: the claim holds if their rate is below it.
-        confidence: see `JudgedClaim`.
-    """
+    """A statement about a policy: the rate of the outcomes that contradict it is below a limit."""
 
     text: str
     against: frozenset[Outcome]

@@ -35,13 +35,9 @@ class RunFacts(msgspec.Struct, frozen=True, kw_only=True):
     """Identity of a run, for summaries and recordings; equal runs have the same.
 
     Attributes:
-        scenario, title: of the scenario.
         seed: of start cells and speed noise.
         train_seed: of the policy; a list, the experiment's first, if it was spawned from that.
-        driver: of the co-simulation.
-        motor_fmu, motor_fmu_digest: name of the file, and identity of the FMU.
         method: by which the policy was trained, "other" for interpretations of the user's own.
-        versions: of this package, Python and libraries.
     """
 
     scenario: str
@@ -68,12 +64,9 @@ class Series:
     """Settings that all episodes of a run share.
 
     Attributes:
-        setup: of every co-simulation.
-        policy: acts, and names the process of the recorded rewards.
         out: output folder; recordings go to `episodes/` in it.
         options: seed, driver, what is recorded; episode k draws from the seed sequence (seed, k).
         viewer: address of a running viewer that is sent what is recorded, if any.
-        progress: receives the simulated time of every episode.
     """
 
     setup: Setup

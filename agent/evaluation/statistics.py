@@ -14,14 +14,12 @@ from scipy.stats import binomtest, t
 
 CONFIDENCE = 0.95
 _OTHERS = 10  # runs that differ from the most frequent value, after which intervals cover
-_TAIL = 0.5 * (1.0 - CONFIDENCE)
 
 
 class Statistics(msgspec.Struct, frozen=True):
     """Statistics over runs; None where no run has a value.
 
     Attributes:
-        mean: mean over the runs.
         iqm: mean of the middle half of the runs.
         low, high: ends of the 95 % interval of the mean, see `mean_intervals`.
         runs: runs counted; runs without a value (NaN) are not.
@@ -35,36 +33,25 @@ class Statistics(msgspec.Struct, frozen=True):
 
 
 class Interval(NamedTuple):
-    """A mean with its 95 % interval; None where it has none."""
+    """A mean, or a share of episodes, with its 95 % interval; None where it has none."""
 
     mean: float | None
     low: float | None
     high: float | None
 
 
-class Rate(NamedTuple):
-    """Share of episodes.
-
-    Attributes:
-        share: of the episodes counted.
-        low, high: ends of its 95 % Wilson score interval.
-    """
-
-    share: float
-    low: float
-    high: float
-
-
-def rate(count: int, episodes: int) -> Rate:
-    """Share of `count` among `episodes` (at least one) independent episodes."""
+def rate(count: int, episodes: int) -> Interval:
+    """Return the share of `count` among `episodes` independent ones, with its Wilson interval."""
+    if not episodes:
+        return Interval(None, None, None)
     interval = binomtest(count, episodes).proportion_ci(CONFIDENCE, method="wilson")
-    return Rate(count / episodes, float(interval.low), float(interval.high))
+    return Interval(count / episodes, float(interval.low), float(interval.high))
 
 
 def interval_text(
     of: Interval | Statistics, digits: int = 2, factor: float = 1.0, unit: str = ""
 ) -> str:
-    """Mean and interval as text; [–] where the runs are too few for an interval."""
+    """Return mean and interval as text; [–] where the runs are too few for an interval."""
     if of.mean is None:
         return "–"
     ends = "–"
@@ -74,7 +61,7 @@ def interval_text(
 
 
 def interquartile_mean(values: np.ndarray) -> float:
-    """Mean of the middle half of a sample, weighting the values at its ends by their share."""
+    """Return the mean of the middle half of a sample, values at its ends by their share."""
     ordered = np.sort(np.asarray(values, dtype=float))
     n = len(ordered)
     # value k covers ranks [k, k + 1); the middle half is [n/4, 3n/4)
@@ -119,6 +106,6 @@ def mean_intervals(values: np.ndarray) -> np.ndarray:
         n = len(known)
         others = n - max(np.unique(known, return_counts=True)[1], default=0)
         if n > 1 and others >= min(n / 2, _OTHERS):
-            half = t.isf(_TAIL, n - 1) * known.std(ddof=1) / math.sqrt(n)
+            half = t.isf(0.5 * (1.0 - CONFIDENCE), n - 1) * known.std(ddof=1) / math.sqrt(n)
             ends[:, point] = known.mean() - half, known.mean() + half
     return ends

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import msgspec
 import numpy as np
 
-from agent.evaluation.grid import GridReport, PolicyMeasures
+from agent.evaluation.rows import Row
 from agent.evaluation.statistics import Statistics, interval_text, summarise
-from agent.experiments.variants import REFERENCES, Name
+from agent.experiments.variants import Name
+from agent.study.grid import GridReport
 from cosim.base.table import show_texts
 
 RESULTS_FILE = "results.json"
@@ -19,32 +20,19 @@ _COMPARED = ("success", "path_length_cm", "steps")
 
 
 class TrainingSummary(GridReport, frozen=True, kw_only=True):
-    """Content of `summary.json` for the runs of one configuration.
+    """Content of `summary.json`: runs of one configuration; `seconds` is the time of training."""
 
-    Attributes:
-        seed: that the runs' seeds were spawned from.
-        seconds: that training took, without what was there already.
-        out: folder of the runs.
-    """
-
-    seed: int
     seconds: float
     out: str
 
 
 class VariantResult(msgspec.Struct, frozen=True):
-    """Results of the runs of a variant.
-
-    Attributes:
-        label: for people.
-        scenario: its name.
-        runs: in their order.
-        over_runs: statistics of each measure.
-    """
+    """Runs of a variant, in their order, and statistics of each measure over them."""
 
     label: str
     scenario: str
-    runs: tuple[PolicyMeasures, ...]
+    reference: str | None
+    runs: tuple[Row, ...]
     over_runs: dict[str, Statistics]
 
 
@@ -52,18 +40,13 @@ class ExperimentResult(msgspec.Struct, frozen=True, kw_only=True):
     """Content of `results.json` for an experiment.
 
     Attributes:
-        schema_version: of the file.
-        experiment: its name.
-        seed: that the runs' seeds were spawned from.
         episodes: of training, of each run.
         seconds: that training took, without what was there already.
-        out: folder of the runs.
-        variants: by name.
-        differences: of each variant from the reference of its scenario, by measure; none without.
+        differences: of each variant from its reference, by measure.
         effects: of a factorial's differences, see `effects`.
     """
 
-    schema_version: int = 1
+    schema_version: int = 2
     experiment: Name
     seed: int
     episodes: int
@@ -74,15 +57,8 @@ class ExperimentResult(msgspec.Struct, frozen=True, kw_only=True):
     effects: dict[str, dict[str, Statistics]] = {}
 
 
-def differences(
-    variants: Mapping[str, VariantResult], references: Mapping[str, str]
-) -> dict[str, dict[str, Statistics]]:
-    """Statistics of each variant's runs minus the runs of the same seeds of its reference.
-
-    Args:
-        variants: by name.
-        references: names of variants, and of those that they are compared with.
-    """
+def differences(variants: Mapping[str, VariantResult]) -> dict[str, dict[str, Statistics]]:
+    """Return statistics of variants' runs minus the runs of the same seeds of their references."""
 
     def values(name: str, measure: str) -> np.ndarray:
         return np.array([getattr(run, measure) for run in variants[name].runs], dtype=float)
@@ -90,21 +66,22 @@ def differences(
     return {
         name: {
             measure: summarise(
-                values(name, measure) - values(reference, measure), *_limits(measure)
+                values(name, measure) - values(variant.reference, measure), *_limits(measure)
             )
             for measure in _COMPARED
         }
-        for name, reference in references.items()
+        for name, variant in variants.items()
+        if variant.reference is not None
     }
 
 
 def effects(
     variants: Mapping[str, VariantResult], found: Mapping[str, Mapping[str, Statistics]]
 ) -> dict[str, dict[str, Statistics]]:
-    """Statistics of differences over all combinations of a factorial that share a level.
+    """Return statistics of differences over all combinations of a factorial that share a level.
 
     Args:
-        variants: by name, with the words of their levels as labels, see `variants`.
+        variants: by name, with the words of their levels as labels.
         found: their differences; each combination counts once, with the mean over its runs.
 
     Returns:
@@ -137,11 +114,10 @@ def show(result: ExperimentResult) -> None:
     rows = [(v.label, *_intervals(v.over_runs, measures)) for v in variants.values()]
     show_texts(header, rows)
     if result.differences:
-        references = REFERENCES[result.experiment]
         header = ("difference, run by run", *header[1:4])
         rows = [
             (
-                f"{variants[name].label} minus {variants[references[name]].label}",
+                f"{variants[name].label} minus {variants[variants[name].reference or ''].label}",
                 *_intervals(statistics, _COMPARED),
             )
             for name, statistics in result.differences.items()

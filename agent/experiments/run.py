@@ -6,7 +6,6 @@ from pathlib import Path
 
 import msgspec
 
-from agent.evaluation.grid import PolicyMeasures, report_of
 from agent.experiments.results import (
     RESULTS_FILE,
     SUMMARY_FILE,
@@ -16,7 +15,8 @@ from agent.experiments.results import (
     differences,
     effects,
 )
-from agent.experiments.variants import EXPERIMENTS, REFERENCES, Name
+from agent.experiments.variants import Name, variants_of
+from agent.study.grid import report_of
 from agent.training.recording import require_tensorboard, write_events, write_runs
 from agent.training.runs import RECORDING_FILE, Experiment, run_name, train_runs
 from agent.training.settings import LearningConfig
@@ -38,31 +38,25 @@ def train_and_evaluate(
     """Train the runs of one configuration, evaluate them and write `summary.json`.
 
     Args:
-        experiment: what to train.
         out: folder, which may have some of the runs already.
         where, progress: see `agent.training.runs.train_runs`.
         log: folder of event files for TensorBoard, one in a folder for each run.
-
-    Raises:
-        UserError: see `agent.training.runs.train_runs`; or event files cannot be written.
     """
     if log is not None:
         require_tensorboard()
-    began = time.perf_counter()
-    scenario = experiment.scenario.name
-    results = train_runs(
-        experiment, out, where=where, progress=progress, task=f"scenario {scenario}"
-    )
+    began, scenario = time.perf_counter(), experiment.scenario.name
+    task = f"scenario {scenario}"
+    results = train_runs(experiment, out, where=where, progress=progress, task=task)
     seconds = time.perf_counter() - began
     if log is not None:
         for result in results:
             write_events(log / run_name(result.run), result.log)
-    report = report_of((f"{run_name(r.run)}/{POLICY_FILE}", r.policy) for r in results)
     if experiment.runs > 1:
         facts = {"scenario": scenario, "seed": experiment.seed}
         write_runs(out / RECORDING_FILE, [result.log for result in results], facts)
+    report = report_of((f"{run_name(r.run)}/{POLICY_FILE}", r.policy) for r in results)
     summary = TrainingSummary(
-        policies=report.policies,
+        rows=report.rows,
         over_policies=report.over_policies,
         seed=experiment.seed,
         seconds=seconds,
@@ -85,35 +79,29 @@ def run_experiment(
     """Train and evaluate all variants of an experiment and write `results.json`.
 
     Args:
-        name: of the experiment.
         out: folder, which may have some of the runs already.
         runs: of each variant.
         seed: that the runs' seeds are spawned from, the same for all variants.
         episodes: of training, of each run.
         where, progress: see `agent.training.runs.train_runs`.
-
-    Raises:
-        UserError: see `agent.training.runs.train_runs`.
     """
     began = time.perf_counter()
     variants: dict[str, VariantResult] = {}
-    for key, variant in EXPERIMENTS[name].items():
-        experiment = Experiment(
-            find_scenario(variant.scenario),
-            variant.process,
-            replace(variant.learning, episodes=episodes),
-            seed,
-            runs,
-        )
-        results = train_runs(
-            experiment, out / key, where=where, progress=progress, task=variant.label
-        )
+    for key, variant in variants_of(name).items():
+        learning = replace(variant.learning, episodes=episodes)
+        board = find_scenario(variant.scenario)
+        experiment = Experiment(board, variant.process, learning, seed, runs)
+        how = {"where": where, "progress": progress, "task": variant.label}
+        results = train_runs(experiment, out / key, **how)
         report = report_of((f"{key}/{run_name(r.run)}", r.policy) for r in results)
-        # no single failures
-        rows = msgspec.convert(report.policies, tuple[PolicyMeasures, ...], from_attributes=True)
-        statistics = report.over_policies[variant.scenario]
-        variants[key] = VariantResult(variant.label, variant.scenario, rows, statistics)
-    compared = differences(variants, REFERENCES.get(name, {}))
+        variants[key] = VariantResult(
+            variant.label,
+            variant.scenario,
+            variant.reference,
+            tuple(msgspec.structs.replace(row, failures=()) for row in report.rows),
+            report.over_policies[variant.scenario],
+        )
+    compared = differences(variants)
     result = ExperimentResult(
         experiment=name,
         seed=seed,

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from agent.evaluation.rows import Row
 from cosim.base.plotting import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, styled
 from cosim.model.outcome import ENDS
 
@@ -24,6 +25,7 @@ QUANTITIES: dict[str, tuple[str, float]] = {
     "sim_time_s": ("simulated time in s", 1.0),
     "energy_j": ("energy in J", 1.0),
 }
+Panels = Mapping[str, Sequence[Row]]  # rows of each panel, by its title
 _COLUMNS = 3
 _GROUP = 0.7  # of points side by side, the share of the distance between values
 _SHIELD = ", shield"
@@ -32,22 +34,22 @@ _LEGEND = 7  # size of its font in points; a letter is about half as wide
 _LETTER_IN, _HANDLE_IN, _LINE_IN = 0.55 * _LEGEND / 72, 0.55, 1.6 * _LEGEND / 72
 
 
-def _measures(rows: Sequence[Any], quantity: str) -> np.ndarray:
+def _measured(rows: Sequence[Row], quantity: str) -> np.ndarray:
     """Return a quantity of n rows and the ends of its interval, (3, n); NaN where there is none."""
     names = (quantity, f"{quantity}_low", f"{quantity}_high")
     values = [[getattr(row, name, None) for name in names] for row in rows]
     return QUANTITIES[quantity][1] * np.array(values, dtype=float).reshape(-1, 3).T
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def _are_numbers(values: Sequence[Any]) -> bool:
+    return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
 
 
 @styled
 def draw_measure(
-    panels: Mapping[str, Sequence[Any]],
-    value: Callable[[Any], Any],
-    series: Callable[[Any], str],
+    panels: Panels,
+    value: Callable[[Row], Any],
+    series: Callable[[Row], str],
     *,
     quantity: str = "success",
     axis: str = "",
@@ -57,13 +59,11 @@ def draw_measure(
     """Draw a quantity of rows over an axis; rows without it are left out.
 
     Args:
-        panels: rows of each panel, by its title.
         value: of a row: numbers are places on the axis; other values get a place each, in which
-            series stand side by side.
+            series are next to each other.
         series: of a row, the name of what has a colour of its own.
         quantity: one of QUANTITIES.
-        axis: name of the axis.
-        title: of the figure.
+        axis, title: names of the axis and of the figure.
         columns: most panels in a row.
     """
     known = {n: [r for r in rows if getattr(r, quantity) is not None] for n, rows in panels.items()}
@@ -71,21 +71,21 @@ def draw_measure(
     columns = min(columns, max(1, len(known)))
     lines = max(1, -(-len(known) // columns))
     width = max(2.8 * columns, 5.0)
-    names = list(dict.fromkeys(series(row) for rows in known.values() for row in rows))
     letters = int((width - _HANDLE_IN) / _LETTER_IN)
-    shown = {name: textwrap.fill(name, letters) for name in names}
-    longest = max((len(line) for text in shown.values() for line in text.split("\n")), default=1)
+    names = dict.fromkeys(series(row) for rows in known.values() for row in rows)
+    labels = {name: textwrap.fill(name, letters) for name in names}
+    longest = max((len(line) for text in labels.values() for line in text.split("\n")), default=1)
     fit = max(1, min(4, int(width / (_HANDLE_IN + _LETTER_IN * longest))))
-    below = _LINE_IN * sum(text.count("\n") + 1 for text in shown.values()) / fit
+    below = _LINE_IN * sum(text.count("\n") + 1 for text in labels.values()) / fit
     figure = Figure(figsize=(width, 2.3 * lines + 0.4 + below), layout="constrained")
-    for number, (name, rows) in enumerate(known.items()):
-        panel = figure.add_subplot(lines, columns, number + 1)
-        _draw_panel(panel, rows, value, series, shown, quantity)
+    for number, (name, rows) in enumerate(known.items(), 1):
+        panel = figure.add_subplot(lines, columns, number)
+        _draw_panel(panel, rows, value, series, labels, quantity)
         panel.set_title(name, loc="left")
         panel.set(ylabel=QUANTITIES[quantity][0], xlabel=axis)
         if quantity in ENDS:
             panel.set_ylim(-4.0, 104.0)
-        if number == 0:  # below, where it covers nothing
+        if number == 1:  # below, where it covers nothing
             legend = panel.get_legend_handles_labels()
             figure.legend(*legend, loc="outside lower center", ncols=fit, fontsize=_LEGEND)
     figure.suptitle(title)
@@ -94,22 +94,22 @@ def draw_measure(
 
 def _draw_panel(
     panel: Axes,
-    rows: Sequence[Any],
-    value: Callable[[Any], Any],
-    series: Callable[[Any], str],
-    shown: Mapping[str, str],
+    rows: Sequence[Row],
+    value: Callable[[Row], Any],
+    series: Callable[[Row], str],
+    labels: Mapping[str, str],
     quantity: str,
 ) -> None:
     values = list(dict.fromkeys(map(value, rows)))
-    numbers = all(map(_is_number, values))
-    of_colours = list(dict.fromkeys(name.removesuffix(_SHIELD) for name in shown))
-    for k, (name, label) in enumerate(shown.items()):
+    numbers = _are_numbers(values)
+    of_colours = list(dict.fromkeys(name.removesuffix(_SHIELD) for name in labels))
+    for k, (name, label) in enumerate(labels.items()):
         own = [row for row in rows if series(row) == name]
-        shift = _GROUP * ((k + 0.5) / len(shown) - 0.5)
+        shift = _GROUP * ((k + 0.5) / len(labels) - 0.5)
         places = [value(row) if numbers else values.index(value(row)) + shift for row in own]
         colour = _COLOURS[of_colours.index(name.removesuffix(_SHIELD)) % len(_COLOURS)]
         marker, fill = ("s", "white") if name.endswith(_SHIELD) else ("o", colour)
-        middle, low, high = _measures(own, quantity)
+        middle, low, high = _measured(own, quantity)
         bars = np.nan_to_num(np.maximum([middle - low, high - middle], 0.0))
         panel.errorbar(
             places, middle, bars, fmt=marker, mfc=fill, markersize=4, color=colour, label=label,
@@ -121,38 +121,29 @@ def _draw_panel(
 
 @styled
 def draw_map(
-    panels: Mapping[str, Sequence[Any]],
-    labels: Callable[[Any], Mapping[str, Any]],
-    axes: tuple[str, str],
-    *,
-    quantity: str = "success",
-    title: str = "",
+    panels: Panels, axes: Sequence[str], *, quantity: str = "success", title: str = ""
 ) -> Figure:
     """Draw a quantity of rows over two axes as colours, with its value in each cell.
 
     Args:
-        panels: rows of each panel, by its title.
-        labels: of a row, its values by the names of the axes.
-        axes: names of the one to the right and of the one upwards.
+        axes: names, among the labels of rows, of the one to the right and of the one upwards.
         quantity: one of QUANTITIES.
         title: of the figure.
     """
     rows = [row for each in panels.values() for row in each]
-    places = [list(dict.fromkeys(labels(row)[axis] for row in rows)) for axis in axes]
-    across, up = (sorted(v) if all(map(_is_number, v)) else v for v in places)
-    measured = _measures(rows, quantity)[0]
+    places = [list(dict.fromkeys(row.labels()[axis] for row in rows)) for axis in axes]
+    across, up = (sorted(v) if _are_numbers(v) else v for v in places)
+    measured = _measured(rows, quantity)[0]
     limits = (0.0, 100.0) if quantity in ENDS else (np.nanmin(measured), np.nanmax(measured))
     columns = min(_COLUMNS, len(panels))
     lines = -(-len(panels) // columns)
     size = (1.0 + columns * max(2.8, 0.5 * len(across)), 0.6 + lines * (1.0 + 0.4 * len(up)))
     figure = Figure(figsize=size, layout="constrained")
-    for number, (name, own) in enumerate(panels.items()):
-        panel = figure.add_subplot(lines, columns, number + 1)
+    for number, (name, own) in enumerate(panels.items(), 1):
+        panel = figure.add_subplot(lines, columns, number)
         grid = np.full((len(up), len(across)), np.nan)
-        for row, value in zip(own, _measures(own, quantity)[0], strict=True):
-            column, line = (
-                v.index(labels(row)[n]) for v, n in zip((across, up), axes, strict=True)
-            )
+        for row, value in zip(own, _measured(own, quantity)[0], strict=True):
+            line, column = up.index(row.labels()[axes[1]]), across.index(row.labels()[axes[0]])
             grid[line, column] = value
             if np.isfinite(value):
                 colour = "white" if value > np.mean(limits) else BLACK

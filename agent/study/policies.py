@@ -78,13 +78,9 @@ def policy_of(
     Args:
         given: policy, file, name of a method, "module:Name" of an object or class, or an object
             with `act` or `drive`.
-        scenario: in which it acts; a file has its own.
+        scenario: in which it acts; a file has its own, and is refused in another one.
         seed: of training.
         progress: receives what is trained.
-
-    Raises:
-        UserError: it is no policy, or one of another scenario; or a method or an object needs a
-            scenario.
     """
     name = str(given) if isinstance(given, str | Path) else None
     if isinstance(given, GreedyPolicy | ObjectPolicy):

@@ -8,23 +8,27 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from agent.evaluation.rows import Row, rate_column
 from agent.study.plot import draw_measure
-from agent.study.transfer import TransferRow
 from analysis.figures.style import Caption, Drawing
 from analysis.reading.results import FIGURES
 from analysis.reading.written import read_transfer
 from cosim.base.errors import UserError
 
 
-def series_of(row: TransferRow) -> str:
-    """Name of what a row belongs to in the legend: training method, and whether with the shield."""
-    return f"{row.method}, shield" if row.shield else row.method
+def series_of(row: Row) -> str:
+    """Return what a row belongs to in the legend: its method, and whether with the shield."""
+    return f"{row.policy}, shield" if row.shield else row.policy
 
 
-def draw(rows: list[TransferRow]) -> Figure:
-    """A panel per friction coefficient: success with 95 % intervals, by scenario and method."""
-    coefficients = sorted({row.mu for row in rows})
-    panels = {f"µ = {mu:g}": [row for row in rows if row.mu == mu] for mu in coefficients}
+def by_friction(rows: list[Row]) -> dict[float, list[Row]]:
+    """Return rows by their friction coefficient, the least first."""
+    return {mu: [r for r in rows if r.mu == mu] for mu in sorted({r.mu or 0.0 for r in rows})}
+
+
+def draw(rows: list[Row]) -> Figure:
+    """Draw success with 95 % intervals by scenario and method, a panel per friction coefficient."""
+    panels = {f"µ = {mu:g}": some for mu, some in by_friction(rows).items()}
     figure = draw_measure(panels, lambda row: row.scenario, series_of, columns=1)
     lowest = 100.0 * min(row.success_low or 0.0 for row in rows)
     for axes in figure.axes:
@@ -34,31 +38,24 @@ def draw(rows: list[TransferRow]) -> Figure:
     return figure
 
 
-def caption(rows: list[TransferRow]) -> Caption:
-    """The caption of the table's rows: over all scenarios, by method, shield and friction."""
+def caption(rows: list[Row]) -> Caption:
+    """Return the caption: over all scenarios, by method, shield and friction."""
     numbers, ours = [], []
-    for mu in sorted({row.mu for row in rows}):
+    for mu, some in by_friction(rows).items():
         parts = []
-        for name in dict.fromkeys(series_of(row) for row in rows):
-            chosen = [r for r in rows if r.mu == mu and series_of(r) == name]
-            if not chosen:
-                continue
+        for name in dict.fromkeys(map(series_of, some)):
+            chosen = [row for row in some if series_of(row) == name]
             worst = min(chosen, key=lambda row: row.success or 0.0)
             episodes = sum(row.episodes for row in chosen)
             numbers.append(
-                {
-                    "mu": mu,
-                    "series": name,
-                    "episodes": episodes,
-                    "worst_scenario": worst.scenario,
-                    "worst_success": worst.success,
-                    "worst_success_low": worst.success_low,
-                    "worst_success_high": worst.success_high,
+                {"mu": mu, "series": name, "episodes": episodes, "worst_scenario": worst.scenario}
+                | {
+                    f"worst_success{e}": getattr(worst, f"success{e}")
+                    for e in ("", "_low", "_high")
                 }
             )
             parts.append(
-                f"{name} at least {worst.success:.1%} [{100 * (worst.success_low or 0.0):.1f}, "
-                f"{100 * (worst.success_high or 0.0):.1f}] (scenario {worst.scenario}, "
+                f"{name} at least {rate_column('success').text(worst)} (scenario {worst.scenario}, "
                 f"{episodes} episodes in all)"
             )
         ours.append(f"µ = {mu:g}: {'; '.join(parts)}.")
@@ -74,12 +71,7 @@ def caption(rows: list[TransferRow]) -> Caption:
 
 
 def make(results: Path) -> Drawing:
-    """Draw the figure of a results folder.
-
-    Raises:
-        UserError: there is no such result, or it is damaged.
-        UserError: it has no row with episodes.
-    """
+    """Draw the figure of a results folder, which has a table with episodes."""
     rows = [row for row in read_transfer(results).rows if row.success is not None]
     if not rows:
         raise UserError("the table of `minirobots transfer` has no rows with episodes")

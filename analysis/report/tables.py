@@ -6,10 +6,10 @@ Reads what commands wrote and formats it, with intervals; the page around it is 
 from pathlib import Path
 from typing import NamedTuple
 
+from agent.evaluation.rows import METHOD, MU, PATH_RATIO, SCENARIO, SHIELD, rate_column
 from agent.evaluation.statistics import interval_text
 from agent.experiments.results import ExperimentResult
-from agent.study.episodes import METHOD, MU, PATH_RATIO, SCENARIO, SHIELD, rate_column
-from agent.study.transfer import QUICK_EPISODES
+from agent.study.published import QUICK_EPISODES
 from analysis.figures.style import NOTHING
 from analysis.reading.results import DRIVEN_BY, RESULTS, episodes_of
 from analysis.reading.written import read_experiment, read_run, read_transfer
@@ -103,8 +103,9 @@ def transfer_tables(results: Path) -> list[ReportTable]:
     report = read_transfer(results)
     rows = [tuple(column.text(row) for column in _TRANSFER) for row in report.rows]
     command = f"minirobots transfer --seed {report.seed}"
-    for of in ("scenario", "method"):
-        command += f" --{of}s " + " ".join(dict.fromkeys(getattr(row, of) for row in report.rows))
+    for option, of in (("scenarios", "scenario"), ("methods", "policy")):
+        names = dict.fromkeys(getattr(row, of) for row in report.rows)
+        command += f" --{option} {' '.join(names)}"
     if max((row.planned for row in report.rows), default=0) <= QUICK_EPISODES:
         command += " --quick"
     header = tuple(column.heading for column in _TRANSFER)

@@ -17,12 +17,7 @@ _NAME_WIDTH = 24  # up to which a name stands on one line
 
 
 class Column(NamedTuple):
-    """A column of a table.
-
-    Attributes:
-        heading: with the unit, if the cells do not name it.
-        text: of a row, what its cell says.
-    """
+    """A column of a table: its heading, and the text of a row's cell."""
 
     heading: str
     text: Callable[[Any], str]
@@ -32,13 +27,7 @@ Columns = Sequence[Column]
 
 
 def field(name: str, form: str = "{}", heading: str | None = None) -> Column:
-    """Return the column of an attribute; a dash where it is None.
-
-    Args:
-        name: of the attribute.
-        form: format of its value.
-        heading: of the column, by default the name.
-    """
+    """Return the column of an attribute in a format; a dash where it is None."""
     title = name.replace("_", " ") if heading is None else heading
     return Column(title, lambda row: format_value(getattr(row, name), form))
 
@@ -72,12 +61,9 @@ def show_texts(
     """Print a table, or several if the console is too narrow for one: no number is ever cut.
 
     Args:
-        header: of the columns.
-        rows: of text, as long as the header.
         names: how many of the first columns name a row: each table has them, and long ones in
             several lines.
         numbers: how many of the last columns are set flush right.
-        title: of the table.
         console: to print on, by default that of stdout.
     """
     from rich.cells import cell_len  # noqa: PLC0415 - slow to import
@@ -108,13 +94,7 @@ def _cells(columns: Columns, rows: Iterable[Any]) -> Iterable[list[str]]:
 
 
 def write_report(path: Path, report: Any, text: str) -> None:
-    """Write a report as JSON and its table as Markdown next to it, each whole or not at all.
-
-    Args:
-        path: of both, without a suffix.
-        report: a record.
-        text: Markdown.
-    """
+    """Write a report as JSON and its Markdown next to it, to a path with .json and with .md."""
     write_json(path.with_suffix(".json"), report)
     write_whole(path.with_suffix(".md"), text + "\n")
 

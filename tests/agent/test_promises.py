@@ -8,7 +8,7 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import joint_starts
 from agent.mdp.optimum import optimum
 from agent.mdp.readings import build_process
-from agent.study.evaluate import EvaluationReport
+from agent.study.report import Report
 from cosim.model.scenario_file import find_scenario
 
 
@@ -23,7 +23,7 @@ def test_robots_get_there_in_time(name, method, least, longest_s, tmp_path, comm
     options = ("--starts", 200, "--through", "--shield", "--recordings", 0, "--json")
     done = command("evaluate", policy, *options, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    (row,) = msgspec.json.decode(done.stdout.splitlines()[-1], type=EvaluationReport).policies
+    (row,) = msgspec.json.decode(done.stdout.splitlines()[-1], type=Report).rows
     assert (row.episodes, row.collision, row.out_of_board) == (200, 0.0, 0.0)
     assert row.success is not None and row.success >= least
     assert row.sim_time_s is not None and row.sim_time_s <= longest_s

@@ -7,18 +7,15 @@ import os
 import zipfile
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from agent.evaluation.cases import Case
 from agent.mdp.config import ProcessConfig
 from agent.mdp.optimum import optimum
 from agent.mdp.readings import build_process
 from agent.moves.model import ObservedMoves, build_model
-from agent.study.store import Header, ResultFile
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig, read_settings
@@ -26,10 +23,8 @@ from agent.training.store import LOG_FILE, find_or_train
 from analysis.figures.style import Caption, read_caption, write_caption
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
-from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
-from fmus.build import cached_fmu
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "four_crossing.toml"
 LEARNING = LearningConfig(episodes=2000, epsilon_episodes=20, greedy_points=2)
@@ -196,19 +191,6 @@ def test_arrays_are_read_as_they_were_written(tmp_path):
     assert read["turned"].flags.f_contiguous
     with pytest.raises(UserError, match=r"lacks 'other'"):
         read_arrays(path, ANY, ["other"])
-
-
-@pytest.mark.parametrize("line", [b"\xff", b"[" * 100_000, b'{"index": 1e999}', b"3", b" " * 2**21])
-def test_a_damaged_line_of_results_is_named(seeds, tmp_path, line):
-    policy = Policy.load(seeds["policy"][0])
-    case = Case(policy, CoSimConfig(), cached_fmu(), 0)
-    path, header = (
-        ResultFile.of_case(tmp_path, case).path,
-        Header(**msgspec.structs.asdict(case.identity), digest=case.digest),
-    )
-    path.write_bytes(msgspec.json.encode(header) + b"\n" + line + b"\n")
-    with pytest.raises(UserError, match="line 2 is damaged"):
-        ResultFile.of_case(tmp_path, case)
 
 
 @pytest.mark.usefixtures("fresh_cache")

@@ -57,7 +57,7 @@ def test_train_then_evaluate(command, tmp_path):
     status, output, _ = command("evaluate", "--grid", out, "--json")
     assert status == 0
     report = json.loads(output.splitlines()[-1])
-    for ours, theirs in zip(report["policies"], summary["policies"], strict=True):
+    for ours, theirs in zip(report["rows"], summary["rows"], strict=True):
         assert ours | {"policy": ""} == theirs | {"policy": ""}
         rates = [ours[k] for k in ("success", "collision", "out_of_board", "timeout")]
         assert sum(rates) == pytest.approx(1.0)
@@ -66,7 +66,7 @@ def test_train_then_evaluate(command, tmp_path):
     status, _, errors = command("evaluate", "--grid", out, "--starts", 3, "--mu", 0.2)
     assert (status, errors.count("\n")) == (2, 1)
     assert "--mu" in errors and "--starts" in errors and "no effect with --grid" in errors
-    means = [p["success"] for p in report["policies"]]
+    means = [p["success"] for p in report["rows"]]
     assert report["over_policies"]["2"]["success"]["mean"] == pytest.approx(np.mean(means))
     status, _, errors = command("train", *options, "--seed", 1)
     assert status == 2

@@ -9,10 +9,10 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
-import msgspec
 import pytest
 
-from agent.study.transfer import TransferReport, TransferRow
+from agent.evaluation.rows import Row
+from agent.study.published import TransferReport
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS
 from cosim.base.storage import write_json
@@ -105,32 +105,23 @@ def killed_recording(tmp_path_factory, run_folder):
     return part
 
 
-def transfer_row(scenario, method, success, shield=False, mu=0.15):
+def transfer_row(scenario, policy, success, shield=False, mu=0.15):
     """A row of 50 episodes that end in success or collision; what else is measured is unknown."""
-    unknown: dict[str, Any] = dict.fromkeys(TransferRow.__struct_fields__)
-    known = {"scenario": scenario, "method": method, "mu": mu, "shield": shield}
-    known |= {"episodes": 50, "planned": 50, "wall_s": 1.0, "digest": "0"}
-    shares = {"success": success, "collision": 1.0 - success, "out_of_board": 0.0, "timeout": 0.0}
-    for name, share in shares.items():
-        known |= {name: share, f"{name}_low": max(share - 0.1, 0.0)}
-        known[f"{name}_high"] = min(share + 0.1, 1.0)
-    known |= {"drive_speed_m_s": 0.0039, "starts": 900, "failing_starts": 0, "failures": ()}
-    return msgspec.convert(unknown | known, TransferRow)
+    measured: dict[str, Any] = {}
+    for name, share in {"success": success, "collision": 1.0 - success}.items():
+        low, high = max(share - 0.1, 0.0), min(share + 0.1, 1.0)
+        measured |= {name: share, f"{name}_low": low, f"{name}_high": high}
+    counts = {"episodes": 50, "planned": 50, "starts": 900, "failing_starts": 0}
+    named = {"policy": policy, "scenario": scenario, "shield": shield, "mu": mu}
+    return Row(**named, **counts, **measured)
 
 
 @pytest.fixture
 def write_transfer(tmp_path):
-    """Writes a table of `cosim.transfer` and returns its results folder."""
+    """Writes a table of `minirobots transfer` and returns its results folder."""
 
     def write(*rows):
-        report = TransferReport(
-            seed=0,
-            complete=True,
-            episode_wall_s=1.0,
-            simulated=50,
-            goals=(),
-            rows=rows,
-        )
+        report = TransferReport(seed=0, rows=rows, episode_wall_s=1.0, simulated=50, goals=())
         write_json(RESULTS["transfer"].proof_in(tmp_path), report)
         return tmp_path
 

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -117,7 +118,9 @@ class Workplace:
 
     def files(self) -> dict[str, Any]:
         """What every file of the results says; None if its name says that it is not whole."""
-        paths = sorted(path for path in self.out.rglob("*") if path.is_file())
+        paths = sorted(
+            p for p in self.out.rglob("*") if p.is_file() and p.suffix != ".sqlite-journal"
+        )
         return {
             str(path.relative_to(self.out)): None
             if path.name.startswith(".") or path.suffix == ".part"
@@ -163,9 +166,12 @@ def outcome_of(path: Path, out: Path) -> Any:
     content = path.read_bytes().replace(str(out).encode(), b"OUT")
     if path.suffix == ".json":
         return timeless(json.loads(content))
-    if path.suffix == ".jsonl":  # episodes in the order in which they ended
-        rows = [timeless(json.loads(line)) for line in content.splitlines()]
-        return sorted(rows, key=lambda row: row.get("index", -1))
+    if path.suffix == ".sqlite":
+        if not content:  # killed before its first row
+            return []
+        with sqlite3.connect(path) as file:
+            rows = file.execute("SELECT * FROM episodes ORDER BY digest, start").fetchall()
+        return [(case, start, timeless(json.loads(result))) for case, start, result in rows]
     if path.suffix == ".html":  # the report's table of how long it took
         return TIMES.sub(b"", content)
     return content

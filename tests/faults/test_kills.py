@@ -3,12 +3,8 @@
 Moments are shares of the time that the undisturbed command takes; they are seeded and printed.
 """
 
-import fcntl
-import os
 import random
-import re
 import signal
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +19,6 @@ from tests.faults.killing import (
     Workplace,
     cases,
     errors_of,
-    without_progress,
 )
 
 MOMENTS = 12
@@ -36,7 +31,7 @@ NEEDED = {"evaluation": "training", "report": "reproduction"}
 PARTIAL = {
     "training": "experiment.json",
     "sweep": "experiment.json",
-    "evaluation": "*.jsonl",
+    "evaluation": "results.sqlite",
     "transfer": "policies/*.npz",  # episodes of the file end nearly at once
 }
 # Commands that keep rows of episodes.
@@ -45,7 +40,7 @@ WRITERS = {
     "transfer": ("--quick", "--scenarios", "1a", "--methods", "paper"),
     "robustness": ("--quick", "--scenario", "1a", "--methods", "paper", "--axes", "nothing"),
 }
-GROWING = {"summary.json", "timings.json"}
+GROWING = {"summary.json", "timings.json", "results.sqlite"}
 ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
@@ -103,7 +98,7 @@ def test_killed_once(undisturbed, tmp_path, name, moment):
     place = Workplace(tmp_path, whole.case)
     place.stop(share * whole.duration_s)
     for file, content in place.files().items():  # which can all be read
-        if content is not None and Path(file).name not in GROWING | {Path(file).stem + ".jsonl"}:
+        if content is not None and Path(file).name not in GROWING:
             assert content == whole.files[file], file
     check(place, whole)
 
@@ -161,24 +156,12 @@ def test_four_at_once_with_an_empty_cache(tmp_path):
 
 @pytest.mark.faults
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_second_writer_is_refused(tmp_path, name):
-    """A command that finds that another process has written meanwhile ends, in one clear error."""
+def test_two_writers_at_once_lose_nothing(tmp_path, name):
     out = ("--jobs", "1", "--out", "OUT")
     place = Workplace(tmp_path, Case(("-m", "minirobots", name, *WRITERS[name], *out)))
+    together = [place.start(), place.start()]
+    said = [errors_of(process) for process in together]
+    assert [process.returncode for process in together] == [0, 0], said
+    files = place.files()
     place.run()
-    rows = next(place.out.rglob("*.jsonl"))
-    header, first, *_ = rows.read_bytes().splitlines(True)
-    rows.write_bytes(header + first)  # the others are missing
-    with rows.open("ab") as other:
-        fcntl.flock(other, fcntl.LOCK_EX)
-        process = place.start()
-        waits = re.compile(rf"-> FLOCK .* {process.pid} .*:{os.fstat(other.fileno()).st_ino} ")
-        while not waits.search(Path("/proc/locks").read_text()):  # to write its first row
-            assert process.poll() is None, "it ended without a row"
-            time.sleep(0.05)
-        other.write(first)
-    errors = errors_of(process)
-    assert process.returncode == 2, errors
-    assert re.fullmatch(
-        r"error: .*\.jsonl: another process writes to this file; .*\n", without_progress(errors)
-    )
+    assert place.files() == files

@@ -7,17 +7,19 @@ import msgspec
 import numpy as np
 import pytest
 
+from agent.evaluation.cases import Case
 from agent.evaluation.claims import Claim, JudgedClaim, claim_of
-from agent.study import episodes
-from agent.study.episodes import StudyLine, case_of, simulate
-from agent.study.evaluate import EvaluationReport
+from agent.study import engine
+from agent.study.engine import Line, measure
+from agent.study.report import Report
 from agent.study.store import EpisodeStore
 from agent.study.user import evaluate, study
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
+from cosim.model.config import CoSimConfig
 from cosim.model.outcome import ENDS, Outcome
-from cosim.simulation.options import SimulationOptions
 from cosim.simulation.result import EpisodeResult
+from tests.agent.study.test_evaluate import rows
 
 SUCCESS = EpisodeResult(
     Outcome.SUCCESS, 1.5, 8.0, 9.0, None, ((0, 0),), (1.5, 1.5), 0.0, 7.0, 1.0, (0.5, 0.5), 0
@@ -33,8 +35,8 @@ def claim(text: str = TEXT, confidence: float | None = CONFIDENCE) -> Claim:
 
 
 @pytest.fixture(scope="module")
-def case(near_file, motor_fmu):
-    return case_of(near_file, SimulationOptions(), 0)
+def case(near_policy, motor_fmu):
+    return Case(near_policy, CoSimConfig(), motor_fmu, 0)
 
 
 def test_claims_are_read():
@@ -80,7 +82,7 @@ def test_options_that_cannot_be_are_refused(tmp_path, monkeypatch, command):
         )
         assert done.returncode == 2
         assert done.stderr.startswith("error: confidence = ")
-    monkeypatch.setattr("agent.study.user.simulate", lambda *_, **__: pytest.fail("simulated"))
+    monkeypatch.setattr("agent.study.user.measure", lambda *_, **__: pytest.fail("simulated"))
     wrong: Any = (
         ({"confidence": 0.9}, "has no effect without a claim"),
         ({"claim": "safe"}, "claim 'safe' is invalid"),
@@ -142,18 +144,18 @@ class Faked:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_verdict_depends_on_no_order_and_no_interruption(case, tmp_path, monkeypatch, seed):
     failing = set(np.random.default_rng(seed).permutation(200)[:20].tolist())
-    line = StudyLine(case, case.rounds(200), {}, claim("success > 0.75"))
+    line = Line(case, case.rounds(200), "near", claim=claim("success > 0.75"))
     assert line.claim is not None
     results = [TIMEOUT if k in failing else SUCCESS for k in line.indices]
     expected = line.claim.judge(results)
     assert expected.verdict == "certified"
     for together in (1, 7, 200):
         store, fake = EpisodeStore(tmp_path / str(together)), Faked(failing, together)
-        kind = episodes.EPISODES._replace(compute=fake.compute, prepare=None)
-        monkeypatch.setattr(episodes, "EPISODES", kind)
+        kind = engine.EPISODES._replace(compute=fake.compute, prepare=None)
+        monkeypatch.setattr(engine, "EPISODES", kind)
         few = iter([True] * 5)  # looks at the time, after which it is over
-        simulate([line], store, Workers(jobs=1), may_begin=lambda few=few: next(few, False))
-        simulate([line], EpisodeStore(tmp_path / str(together)), Workers(jobs=1))
+        measure([line], store, Workers(jobs=1), may_begin=lambda few=few: next(few, False))
+        measure([line], EpisodeStore(tmp_path / str(together)), Workers(jobs=1))
         again = EpisodeStore(tmp_path / str(together))
         assert line.claim.judge(line.results(again).values()) == expected
         assert list(line.results(again)) == line.indices[: expected.episodes]
@@ -191,12 +193,12 @@ def test_the_command_resumes_and_says_the_verdict(near_file, tmp_path, command):
     assert done.returncode == 1, done.stderr
     assert f"undecided for {near_file}: {TEXT} at confidence 0.9; 0 of 4 episodes" in done.stdout
     assert "5 certify it if no more do" in done.stdout
-    (file,) = tmp_path.glob("*.jsonl")
-    kept = file.read_bytes()
+    kept = rows(tmp_path)
+    assert len(kept) == 4
     done = command("evaluate", near_file, *options, "--starts", 20, "--json")
     assert done.returncode == 0, done.stderr
-    assert file.read_bytes().startswith(kept)
-    (row,) = msgspec.json.decode(done.stdout.splitlines()[-1], type=EvaluationReport).policies
+    assert rows(tmp_path).items() >= kept.items()
+    (row,) = msgspec.json.decode(done.stdout.splitlines()[-1], type=Report).rows
     assert row.claim is not None
     assert (row.claim.verdict, row.claim.episodes, row.claim.against) == ("certified", 5, 0)
     assert (row.episodes, row.starts) == (5, 4)

@@ -1,8 +1,5 @@
 """Intervals that hold what they are for as often as they say, and the interquartile mean."""
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -11,9 +8,9 @@ from agent.evaluation.statistics import (
     interquartile_mean,
     interval_text,
     mean_intervals,
+    rate,
     summarise,
 )
-from agent.experiments.results import differences
 
 
 def test_interquartile_mean_is_the_mean_of_the_middle_half():
@@ -97,13 +94,9 @@ def test_a_cell_says_that_there_is_no_interval():
     assert interval_text(Interval(None, None, None), 2) == "–"
 
 
-def test_differences_of_success_lie_between_minus_1_and_1():
-    def variant(*rates: float):
-        return SimpleNamespace(
-            runs=[SimpleNamespace(success=v, path_length_cm=10 * v, steps=v) for v in rates]
-        )
-
-    variants: dict[str, Any] = {"a": variant(0.1, 0.9), "b": variant(0.9, 0.7)}
-    found = differences(variants, {"a": "b"})["a"]
-    assert (found["success"].low, found["success"].high) == (-1.0, 1.0)
-    assert (found["path_length_cm"].low or 0.0) < -10.0
+@pytest.mark.parametrize(
+    ("count", "episodes", "low", "high"),
+    [(0, 30, 0.0, 0.11351), (30, 30, 0.88649, 1.0), (95, 100, 0.88825, 0.97846)],
+)
+def test_wilson_interval(count, episodes, low, high):
+    assert rate(count, episodes) == pytest.approx((count / episodes, low, high), abs=1e-5)

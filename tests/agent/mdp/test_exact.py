@@ -5,10 +5,10 @@ import math
 
 import numpy as np
 
-from agent.evaluation.grid import measure
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import MAX_STARTS, joint_starts
 from agent.mdp.readings import build_process
+from agent.study.grid import grid_row
 from agent.training.learning import initial_state
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
@@ -46,7 +46,7 @@ def test_drawn_starts_have_an_interval_and_all_starts_have_none():
         process = build_process(config.scenario, config.process)
         return Policy.of_training(config, initial_state(process, config.learning, 0))
 
-    drawn, exact = measure("drawn", untrained("4-cross")), measure("all", untrained("1b"))
+    drawn, exact = grid_row("drawn", untrained("4-cross")), grid_row("all", untrained("1b"))
     assert (drawn.starts, drawn.success, drawn.success_low) == (10_000, 0.0, 0.0)
     # Wilson: z²/(n + z²)
     assert drawn.success_high is not None

@@ -10,7 +10,7 @@ import pytest
 from agent.evaluation.claims import claim_of
 from agent.mdp.config import ProcessConfig
 from agent.study.evaluate import evaluate
-from agent.study.transfer import robustness, transfer
+from agent.study.published import robustness, transfer
 from agent.study.user import study
 from agent.training.runs import Experiment, train_runs
 from agent.training.settings import LearningConfig

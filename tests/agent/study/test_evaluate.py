@@ -1,7 +1,9 @@
 """Evaluation in the co-simulation: real short episodes, kept, continued, counted and recorded."""
 
+import os
 import resource
 import signal
+import sqlite3
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,11 +11,12 @@ import msgspec
 import pytest
 from pyarrow import parquet
 
-from agent.evaluation.cases import Case
-from agent.evaluation.outcomes import summary
-from agent.evaluation.statistics import rate
-from agent.study.evaluate import EvaluationReport, evaluate
-from agent.study.store import ResultFile, export
+from agent.evaluation.cases import Case, Job
+from agent.evaluation.rows import measures
+from agent.study.evaluate import evaluate
+from agent.study.options import Sampling
+from agent.study.report import Report
+from agent.study.store import FILE, EpisodeStore, export
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
 from cosim.model.config import CoSimConfig
@@ -33,198 +36,174 @@ def case(near_policy, motor_fmu):
     return Case(near_policy, CoSimConfig(), motor_fmu, 0)
 
 
-def run(near_file, out, *, starts=None, recordings=0, jobs=1, **physics):
-    where = Workers(jobs=jobs)
-    report = evaluate(
-        [near_file],
-        SimulationOptions(**physics),
-        out,
-        starts=starts,
-        recordings=recordings,
-        where=where,
-    )
-    return Path(report.policies[0].results), report
+def run(near_file, out, *, starts=None, recordings=0, jobs=1, **physics) -> Report:
+    how = Sampling(out=out, where=Workers(jobs=jobs))
+    physics = SimulationOptions(**physics)
+    return evaluate([near_file], physics, how, starts=starts, recordings=recordings)
 
 
-def results(path: Path) -> dict[int, EpisodeResult]:
-    """Results of a file without the time that they took."""
-    return {
-        index: msgspec.structs.replace(result, realtime_factor=1.0, recording=None)
-        for index, result in ResultFile(path).results.items()
-    }
+def rows(folder: Path) -> dict[int, str]:
+    """Rows of a folder's only case, by index of the start."""
+    with sqlite3.connect(folder / FILE) as file:
+        return dict(file.execute("SELECT start, result FROM episodes ORDER BY start"))
+
+
+def results(folder: Path) -> list[EpisodeResult]:
+    """These without the time that they took."""
+    found = [msgspec.json.decode(text, type=EpisodeResult) for text in rows(folder).values()]
+    return [msgspec.structs.replace(result, realtime_factor=1.0) for result in found]
 
 
 @pytest.fixture(scope="module")
-def whole(near_file, tmp_path_factory):
+def whole(near_file, tmp_path_factory) -> tuple[Path, Report]:
     """All four starts, two at a time, one success recorded."""
     out = tmp_path_factory.mktemp("whole")
-    return run(near_file, out, jobs=2, recordings=1)
+    return out, run(near_file, out, jobs=2, recordings=1)
 
 
 def test_report_counts_every_start(whole):
-    path, report = whole
-    (row,) = report.policies
+    out, report = whole
+    (row,) = report.rows
     assert (row.episodes, row.starts, row.scenario) == (4, 4, "near")
-    assert (row.success, row.success_high) == (1.0, 1.0)
-    assert row.success_low == pytest.approx(0.5101, abs=1e-4)
+    assert row.interval("success") == pytest.approx((1.0, 0.5101, 1.0), abs=1e-4)
     assert row.collision == row.timeout == row.out_of_board == 0.0
     assert row.path_length_cm == pytest.approx(1.5, abs=0.2)
     assert row.path_ratio_to_grid == pytest.approx(1.0, abs=0.15)
     assert row.min_distance_cm == pytest.approx(7.07, abs=0.3)
     assert 0.0 < row.energy_j < 10.0
     assert row.failures == ()
-    assert len({r.starts for r in results(path).values()}) == 4
+    assert len({result.starts for result in results(out)}) == 4
+    (recording,) = map(Path, row.recordings)
+    assert recording.name.endswith("-success.rrd")
+    assert recording.stat().st_size > 100_000
 
 
 def test_jobs_and_interruptions_change_nothing(whole, near_file, tmp_path):
-    path, _ = run(near_file, tmp_path, starts=2)
-    assert len(results(path)) == 2
-    kept = path.read_bytes()
-    # a process killed while it wrote a third result
-    path.write_bytes(kept + b'{"index": 3, "outc')
+    run(near_file, tmp_path, starts=2)
+    kept = rows(tmp_path)
+    assert len(kept) == 2
     run(near_file, tmp_path)
-    assert path.read_bytes().startswith(kept + b'{"outcome":')
-    assert results(path) == results(whole[0])
-    written = path.read_bytes()
+    assert rows(tmp_path).items() >= kept.items()
+    assert results(tmp_path) == results(whole[0])
+    before = (tmp_path / FILE).read_bytes()
     run(near_file, tmp_path)
-    assert path.read_bytes() == written
-
-
-def test_success_is_recorded(whole):
-    _, report = whole
-    (path,) = map(Path, report.policies[0].recordings)
-    assert path.name.endswith("-success.rrd")
-    assert path.stat().st_size > 100_000
+    assert (tmp_path / FILE).read_bytes() == before
 
 
 def test_failure_is_listed_and_recorded(near_file, tmp_path):
-    _, report = run(near_file, tmp_path, starts=1, time_limit=2.0, recordings=1)
-    (row,) = report.policies
+    (row,) = run(near_file, tmp_path, starts=1, time_limit=2.0, recordings=1).rows
     assert (row.success, row.timeout, row.failing_starts) == (0.0, 1.0, 1)
     assert row.path_length_cm is row.path_ratio_to_grid is None
     (failure,) = row.failures
-    assert failure.outcome == Outcome.TIMEOUT
-    assert failure.recording == row.recordings[0]
+    assert (failure.outcome, failure.recording) == (Outcome.TIMEOUT, row.recordings[0])
 
 
-def test_samples_are_seeded_and_nested(near_policy, motor_fmu):
-    case = Case(near_policy, CoSimConfig(), motor_fmu, 0)
+def test_samples_are_seeded_and_nested(case):
     assert sorted(case.sample(4)) == [0, 1, 2, 3]
     assert case.sample(2) == case.sample(4)[:2]
-    others = {tuple(Case(near_policy, CoSimConfig(), motor_fmu, k).sample(4)) for k in range(9)}
-    assert len(others) > 1
+    assert len({tuple(replace(case, seed=k).sample(4)) for k in range(9)}) > 1
     with pytest.raises(UserError, match="scenario near has only 4 starts, not 5"):
         case.sample(5)
 
 
-def test_every_configuration_has_its_own_file(near_policy, motor_fmu, tmp_path):
-    case = Case(near_policy, CoSimConfig(), motor_fmu, 0)
+def test_every_configuration_has_its_own_rows(case, near_policy, tmp_path):
     slippery = CoSimConfig(robot=TABLE_I._replace(mu=0.1))
     other_policy = replace(near_policy, q=near_policy.q + 1.0)
-    others = [
-        replace(case, config=slippery),
-        replace(case, seed=1),
-        replace(case, policy=other_policy),
-    ]
-    files = [ResultFile.of_case(tmp_path, c) for c in (case, *others)]
-    assert len({file.path for file in files}) == 4
-    assert not any(file.path.exists() for file in files)  # nothing is kept yet
-    for file in files:
-        file.add(0, RESULT)
-    files[0].path.replace(files[1].path)
-    with pytest.raises(UserError, match="holds results of another configuration"):
-        ResultFile.of_case(tmp_path, others[0])
-    files[2].path.write_bytes(files[2].path.read_bytes() + b'{"index":1}\n')
-    with pytest.raises(UserError, match="line 3 is damaged"):
-        ResultFile.of_case(tmp_path, others[1])
+    store = EpisodeStore(tmp_path)
+    store.keep(Job(case, 0), RESULT)
+    for of in ({"config": slippery}, {"seed": 1}, {"policy": other_policy}):
+        assert store.find(Job(replace(case, **of), 0)) is None
+    assert EpisodeStore(tmp_path).find(Job(replace(case), 0)) == RESULT
 
 
-def read_only(folder):
-    """Names, contents and times of the files of a folder."""
-    return {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in folder.iterdir()}
+def test_reading_writes_nothing(case, tmp_path):
+    assert EpisodeStore(tmp_path / "new").results(case) == {}
+    assert not (tmp_path / "new").exists()
+    EpisodeStore(tmp_path).keep(Job(case, 0), RESULT)
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    assert EpisodeStore(tmp_path).results(case) == {0: RESULT}
+    assert before == {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
 
 
-@pytest.mark.parametrize("kept", [0, 20, -20, -1])
-def test_reading_writes_nothing_and_appending_repairs_the_end(case, tmp_path, kept):
-    """Whether the last line, or the first one, was cut off."""
-    path = ResultFile.of_case(tmp_path, case).path
-    assert not path.exists()
-    ResultFile.of_case(tmp_path, case).add(0, RESULT)
-    whole = path.read_bytes()
-    path.write_bytes(whole[:kept])
-    before = read_only(tmp_path)
-    file = ResultFile.of_case(tmp_path, case)
-    assert file.results == {}
-    assert read_only(tmp_path) == before
-    file.add(0, RESULT)
-    assert path.read_bytes() == whole
+def test_two_writers_lose_nothing(case, tmp_path):
+    first, second = EpisodeStore(tmp_path), EpisodeStore(tmp_path)
+    for number, store in enumerate((first, second, first)):
+        store.keep(Job(case, number), RESULT)
+    assert list(EpisodeStore(tmp_path).results(case)) == [0, 1, 2]
 
 
-def test_a_file_of_something_else_is_kept(case, tmp_path):
-    path = ResultFile.of_case(tmp_path, case).path
-    path.write_bytes(b"notes without an end")
-    with pytest.raises(UserError, match="not a file of results; move it away"):
-        ResultFile.of_case(tmp_path, case)
-    assert path.read_bytes() == b"notes without an end"
+def test_a_row_counts_the_beginning_of_its_sample(case):
+    """A long episode is still under way, or was lost, while later ones have ended."""
+    store, indices = EpisodeStore(), case.rounds(6)
+    for place in (0, 1, 3, 5):
+        store.keep(Job(case, indices[place]), RESULT)
+    assert list(store.completed_prefix(case, indices)) == indices[:2]
+    store.keep(Job(case, indices[2]), RESULT)
+    assert list(store.completed_prefix(case, indices)) == indices[:4]
 
 
-def test_a_second_writer_is_refused(case, tmp_path):
-    first, second = ResultFile.of_case(tmp_path, case), ResultFile.of_case(tmp_path, case)
-    first.add(0, RESULT)
-    with pytest.raises(UserError, match="another process writes to this file"):
-        second.add(1, RESULT)
-    first.add(2, RESULT)
-    assert list(ResultFile.of_case(tmp_path, case).results) == [0, 2]
+@pytest.mark.parametrize("content", [b"notes without an end", os.urandom(5000)])
+def test_a_file_of_something_else_is_kept(case, tmp_path, content):
+    (tmp_path / FILE).write_bytes(content)
+    for act in (EpisodeStore.results, lambda store, case: store.keep(Job(case, 0), RESULT)):
+        with pytest.raises(UserError, match=r"not a file of results or damaged .* move it away"):
+            act(EpisodeStore(tmp_path), case)
+    assert (tmp_path / FILE).read_bytes() == content
 
 
-def test_a_row_that_does_not_fit_is_an_error_and_leaves_whole_lines(case, tmp_path):
-    file = ResultFile.of_case(tmp_path, case)
-    file.add(0, RESULT)
-    whole = file.path.read_bytes()
+@pytest.mark.parametrize("text", [b"\xff", b"[" * 100_000, b'{"outcome": 1e999}', b"3", 7])
+def test_a_damaged_row_is_reported(case, tmp_path, text):
+    EpisodeStore(tmp_path).keep(Job(case, 0), RESULT)
+    with sqlite3.connect(tmp_path / FILE) as file:
+        file.execute("UPDATE episodes SET result = ?", (text,))
+    with pytest.raises(UserError, match=f"{FILE}: a row is damaged"):
+        EpisodeStore(tmp_path).results(case)
+
+
+def test_results_of_an_earlier_version_are_named_and_left(case, tmp_path, caplog):
+    (tmp_path / "near-0123.jsonl").write_text("{}\n")
+    EpisodeStore(tmp_path)
+    assert "results of an earlier version (*.jsonl) are not read" in caplog.text
+
+
+def test_a_row_that_does_not_fit_is_an_error_and_leaves_whole_rows(case, tmp_path):
+    EpisodeStore(tmp_path).keep(Job(case, 0), RESULT)
+    size = (tmp_path / FILE).stat().st_size
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     signalled = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (len(whole) + 10, limits[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    long = msgspec.structs.replace(RESULT, path_length_cm_by_robot=(0.1,) * 10_000)
     try:
-        with pytest.raises(OSError, match=file.path.name):
-            file.add(1, RESULT)
+        with pytest.raises(UserError, match=rf"{FILE}: cannot be read or written .* free some"):
+            EpisodeStore(tmp_path).keep(Job(case, 1), long)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, signalled)
-    file.add(2, RESULT)
-    assert file.path.read_bytes().startswith(whole)
-    assert list(ResultFile.of_case(tmp_path, case).results) == [0, 2]
+    EpisodeStore(tmp_path).keep(Job(case, 2), RESULT)
+    assert list(EpisodeStore(tmp_path).results(case)) == [0, 2]
 
 
-@pytest.mark.parametrize(
-    ("count", "episodes", "low", "high"),
-    [(0, 30, 0.0, 0.11351), (30, 30, 0.88649, 1.0), (95, 100, 0.88825, 0.97846)],
-)
-def test_wilson_interval(count, episodes, low, high):
-    assert rate(count, episodes) == pytest.approx((count / episodes, low, high), abs=1e-5)
-
-
-def test_no_episode_gives_no_numbers(near_policy, motor_fmu):
-    values = msgspec.structs.asdict(summary(Case(near_policy, CoSimConfig(), motor_fmu, 0), {}))
+def test_no_episode_gives_no_numbers(case):
+    values = measures(case, {})
     assert values.pop("episodes") == 0
     assert set(values.values()) == {None}
 
 
 def test_the_default_is_at_most_what_the_scenario_has(whole, near_file):
-    out = whole[0].parent
-    some, every = (run(near_file, out, starts=s, recordings=1)[1] for s in (None, "all"))
-    assert some == every == whole[1]
+    out, report = whole
+    some, every = (run(near_file, out, starts=s, recordings=1) for s in (None, "all"))
+    assert some == every == report
     with pytest.raises(UserError, match="has only 4 starts, not 50"):
         run(near_file, out, starts=50)
-    assert Evaluate(policies=()).starts is None
 
 
 def test_episodes_are_exported(whole, tmp_path):
-    export(whole[0].parent, tmp_path / "episodes.parquet")
+    export(whole[0], tmp_path / "episodes.parquet")
     table = parquet.read_table(tmp_path / "episodes.parquet").to_pydict()
     assert table["outcome"] == ["success"] * 4
     assert sorted(table["index"]) == [0, 1, 2, 3]
     assert set(table["mu"]) == {0.15}
-    with pytest.raises(UserError, match="has no results of episodes"):
+    with pytest.raises(UserError, match="no such file of results"):
         export(tmp_path, tmp_path / "none.parquet")
 
 
@@ -242,13 +221,12 @@ def test_bad_options_are_refused(options, message):
 
 
 def test_command_prints_json_last(command, whole, near_file):
-    path, report = whole
-    out = path.parent
+    out, report = whole
     options = ("--starts", "all", "--out", out, "--recordings", 1, "--json")
     done = command("evaluate", near_file, *options)  # everything is there already
     assert done.returncode == 0, done.stderr
     assert "outcomes with 95 % intervals" in done.stdout
-    assert msgspec.json.decode(done.stdout.splitlines()[-1], type=EvaluationReport) == report
+    assert msgspec.json.decode(done.stdout.splitlines()[-1], type=Report) == report
 
 
 def test_policy_of_another_scenario_is_refused(command, near_file, tmp_path):

@@ -8,29 +8,29 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from agent.evaluation.rows import Row
 from agent.study.plot import QUANTITIES
-from agent.study.user import StudyRow, StudyTable
+from agent.study.report import Report
 from cosim.base.errors import UserError
 
 LONG = "a policy with a name that is much longer than the others, and longer than a figure is wide"
 
 
-def row(number: int, policy: str, **options) -> StudyRow:
+def row(number: int, policy: str, **options) -> Row:
     """Return a row in which each measure has another value than all others."""
-    fields = StudyRow.__struct_fields__
+    fields = [f"{name}{end}" for name in QUANTITIES for end in ("", "_low", "_high")]
     values = {name: 0.001 * (1 + k + len(fields) * number) for k, name in enumerate(fields)}
-    named = {"policy": policy, "scenario": "2", "options": options, "results": {}, "failures": ()}
-    whole = {"digest": "", "shield": False, "claim": None, "episodes": 9, "planned": 9}
-    whole |= {"starts": 9, "failing_starts": 0}
-    return msgspec.convert(values | whole | named, StudyRow)
+    whole = {"episodes": 9, "planned": 9, "starts": 9, "failing_starts": 0}
+    named = {"policy": policy, "scenario": "2", "options": options}
+    return msgspec.convert(values | whole | named, Row)
 
 
-def table_of(policies, **axes) -> StudyTable:
+def table_of(policies, **axes) -> Report:
     cases = enumerate(product(policies, *axes.values()))
     rows = [
         row(k, policy, **dict(zip(axes, values, strict=True))) for k, (policy, *values) in cases
     ]
-    return StudyTable(tuple(rows), tuple(axes), 0)
+    return Report(rows=tuple(rows), axes=tuple(axes))
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)

@@ -1,26 +1,28 @@
-"""The table of transfer: its rows, and how it continues."""
+"""The tables of transfer and robustness: their rows, worlds and goals, and how they continue."""
 
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from agent.evaluation.cases import Case
-from agent.mdp.config import ProcessConfig
-from agent.study.store import ResultFile
-from agent.study.transfer import TransferReport, goals, markdown, transfer
-from agent.training.policy import PolicyConfig, Seed
-from agent.training.settings import LearningConfig
-from agent.training.store import train_policy
-from cosim.base.arguments import ConfigError
+from agent.study import engine
+from agent.study.published import (
+    AXES,
+    OF_WORLDS,
+    TransferReport,
+    goals,
+    robustness,
+    transfer,
+    worlds_of,
+)
+from agent.study.published import markdown as transfer_text
+from agent.study.report import Report
+from agent.study.store import EpisodeStore
 from cosim.base.errors import UserError
-from cosim.model.config import CoSimConfig
-from cosim.model.outcome import Outcome
-from cosim.model.scenario import Scenario
-from cosim.simulation.result import EpisodeResult
-from minirobots.commands.policies import Transfer
-
-pytestmark = pytest.mark.long  # it trains and drives
+from cosim.base.table import markdown
+from cosim.model.scenario_file import ROUGH, find_scenario, in_world, read_world
+from cosim.model.world import IDEAL, World
+from minirobots.commands.policies import Robustness, Transfer
 
 BOARD = """
 columns = 14
@@ -45,16 +47,27 @@ def quick_table(board: Path, out: Path, **options) -> TransferReport:
     return transfer(out, scenarios=(str(board),), methods=("paper",), quick=True, **options)
 
 
+def measure_worlds(board: Path, out: Path) -> Report:
+    few = {"scenario": str(board), "methods": ("paper",), "episodes": 1}
+    return robustness(out, read_world(ROUGH), axes=("nothing", "delay"), **few)
+
+
 @pytest.fixture(scope="module")
 def table(board) -> TransferReport:
-    return quick_table(board, board.parent / "out")
+    return quick_table(board, board.parent / "transfer")
 
 
+@pytest.fixture(scope="module")
+def worlds(board) -> Report:
+    return measure_worlds(board, board.parent / "worlds")
+
+
+@pytest.mark.long
 def test_rows_without_and_with_the_shield(table):
     off, on = table.rows
     assert [off.shield, on.shield] == [False, True]
     for row in (off, on):
-        assert (row.scenario, row.method, row.mu) == ("near", "paper", 0.15)
+        assert (row.scenario, row.policy, row.mu) == ("near", "paper", 0.15)
         assert row.episodes == row.planned == 2
         assert row.success == 1.0
         assert row.success_low < row.success
@@ -62,46 +75,30 @@ def test_rows_without_and_with_the_shield(table):
     assert table.simulated == 4
 
 
-def test_table_is_written_and_not_made_again(table, board):
-    out = board.parent / "out"
+@pytest.mark.long
+def test_table_is_written_and_not_made_again(table, board, monkeypatch):
+    out = board.parent / "transfer"
     assert table.complete
-    written = (out / "transfer.json").read_bytes()
-    assert msgspec.json.decode(written, type=TransferReport) == table
+    assert msgspec.json.decode((out / "transfer.json").read_bytes(), type=TransferReport) == table
+    monkeypatch.setattr(EpisodeStore, "keep", lambda *_: pytest.fail("simulated again"))
     assert quick_table(board, out) == table
     text = (out / "transfer.md").read_text()
-    assert text == markdown(table) + "\n"
+    assert text == transfer_text(table) + "\n"
     assert "| near | paper | 0.15 | off | 2 | 100.0% [34.2, 100.0] |" in text
     assert (out / "policies" / "near-paper.npz").is_file()
 
 
+@pytest.mark.long
 def test_budget_leaves_a_table_of_what_is_there(board, tmp_path):
     table = quick_table(board, tmp_path, budget_minutes=0.0)
     assert not table.complete
     assert [row.episodes for row in table.rows] == [0, 0]
-    assert "| 0 of 2 | – |" in markdown(table)
+    assert "| 0 of 2 | – |" in transfer_text(table)
 
 
-PLAIN = EpisodeResult(
-    Outcome.SUCCESS, 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
-)
-
-
-def test_a_row_counts_the_beginning_of_its_sample(tmp_path, motor_fmu):
-    """A long episode is still under way, or was lost, while later ones have ended."""
-    starts = tuple((x, y) for x in (0, 5, 9) for y in (8, 12))
-    scenario = Scenario("six", "", ((4, 4),), (starts,), columns=14, rows=14, zone=(0, 0, 0, 0))
-    config = PolicyConfig(scenario, ProcessConfig(), LearningConfig(episodes=1), Seed(0))
-    case = Case(train_policy(config)[0], CoSimConfig(), motor_fmu, 0)
-    file, indices = ResultFile.of_case(tmp_path, case), case.sample(6)
-    for place in (0, 1, 3, 5):
-        file.add(indices[place], PLAIN)
-    assert list(file.completed_prefix(indices)) == indices[:2]
-    file.add(indices[2], PLAIN)
-    assert list(file.completed_prefix(indices)) == indices[:4]
-
-
+@pytest.mark.long
 def test_goals_are_judged_by_the_worst_row(table):
-    best = [msgspec.structs.replace(row, method="moves") for row in table.rows]
+    best = [msgspec.structs.replace(row, policy="moves") for row in table.rows]
     failing = msgspec.structs.replace(
         best[0], mu=0.2, success=0.5, success_low=0.1, success_high=0.9
     )
@@ -113,20 +110,74 @@ def test_goals_are_judged_by_the_worst_row(table):
     assert table.goals == ()  # of another method
 
 
+def test_the_default_world_is_there_wherever_the_command_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    world = Robustness().world
+    examples = Path(__file__).parents[3] / "docs" / "examples"
+    assert read_world(world) == read_world(examples / "rough.toml")
+    assert "cosim" in {parent.name for parent in world.parents}  # in the wheel
+
+
+def test_every_axis_has_worlds_of_its_own():
+    scenario, rough = find_scenario("4"), read_world(ROUGH)
+    found = [(axis, world) for axis in AXES for _, world in worlds_of(axis, scenario, rough)]
+    assert len({repr(world) for _, world in found}) == len(found)
+    assert [axis for axis, world in found if world == IDEAL] == ["nothing"]
+    assert all(in_world(scenario, world) == scenario for _, world in found)
+
+
+@pytest.mark.long
+def test_rows_are_methods_in_worlds(worlds, board, monkeypatch):
+    assert worlds.complete
+    assert [row.options["axis"] for row in worlds.rows] == ["nothing", *["delay"] * 3]
+    assert len({row.digest for row in worlds.rows}) == len(worlds.rows)
+    for row in worlds.rows:
+        assert row.episodes == 1
+        assert row.success_low < row.success_high
+    out = board.parent / "worlds"
+    assert msgspec.json.decode((out / "robustness.json").read_bytes(), type=Report)
+    text = markdown(OF_WORLDS, worlds.rows)
+    assert (out / "robustness.md").read_text() == text + "\n"
+    assert len(text.splitlines()) == 2 + len(worlds.rows)
+    assert (out / "robustness.png").stat().st_size > 10_000
+    monkeypatch.setattr(EpisodeStore, "keep", lambda *_: pytest.fail("simulated again"))
+    assert measure_worlds(board, out) == worlds
+
+
+@pytest.mark.slow
+def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
+    """A world that says no more than one of the axes."""
+    counts = []
+
+    def count(jobs, *_):
+        counts.append(len(jobs))
+        return iter(())
+
+    monkeypatch.setattr(engine, "EPISODES", engine.EPISODES._replace(compute=count))
+    few = {"scenario": str(board), "methods": ("paper",), "episodes": 2}
+    axes = ("friction", "everything")
+    report = robustness(board.parent / "same", World(mu=0.1), axes=axes, **few)
+    assert len(report.rows) > len({row.digest for row in report.rows})
+    assert counts == [2 * len({row.digest for row in report.rows})]
+
+
 @pytest.mark.parametrize(
-    ("options", "error", "message"),
+    ("command", "options", "message"),
     [
-        (
-            {"budget_minutes": -1.0},
-            UserError,
-            "budget_minutes = -1.0 is invalid",
-        ),
-        ({"scenarios": ("7",)}, UserError, "unknown scenario '7'"),
-        ({"scenarios": ("4", "4")}, ConfigError, "--scenarios has two of one name"),
-        ({"scenarios": ()}, ConfigError, "at least one each"),
-        ({"methods": ()}, ConfigError, "at least one each"),
+        (Transfer, {"budget_minutes": -1.0}, "budget_minutes = -1.0 is invalid"),
+        (Transfer, {"scenarios": ("7",)}, "unknown scenario '7'"),
+        (Transfer, {"scenarios": ("4", "4")}, "--scenarios has two of one name"),
+        (Transfer, {"scenarios": ()}, "at least one each"),
+        (Transfer, {"methods": ()}, "at least one each"),
+        (Robustness, {"episodes": 0}, "episodes = 0"),
+        (Robustness, {"seed": -1}, "seed = -1"),
+        (Robustness, {"budget_minutes": -1.0}, "budget_minutes = -1.0 is invalid"),
+        (Robustness, {"quick": True, "episodes": 3}, "--episodes contradicts --quick"),
+        (Robustness, {"methods": ("paper", "fastest")}, "fastest"),
+        (Robustness, {"methods": ()}, "at least one each"),
+        (Robustness, {"axes": ()}, "at least one each"),
     ],
 )
-def test_bad_options_are_refused(options, error, message):
-    with pytest.raises(error, match=message):
-        Transfer(**options)
+def test_bad_options_are_refused(command, options, message):
+    with pytest.raises(UserError, match=message):
+        command(**options)

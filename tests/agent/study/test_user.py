@@ -14,8 +14,9 @@ from pyarrow import parquet
 
 from agent.evaluation.cases import Case
 from agent.study.policies import ObjectPolicy, policy_of
+from agent.study.report import Report
 from agent.study.store import EpisodeStore
-from agent.study.user import StudyTable, evaluate, read_study, study
+from agent.study.user import evaluate, read_study, study
 from cosim.base.errors import UserError
 from cosim.base.provenance import identity_of
 from cosim.model.config import CoSimConfig
@@ -42,14 +43,14 @@ def out(tmp_path_factory):
     return tmp_path_factory.mktemp("study")
 
 
-def measured(out, near_file, **options) -> StudyTable:
+def measured(out, near_file, **options) -> Report:
     policies = {"near": near_file, "stubborn": Stubborn()}
     axes = {"noise": [0.0, 0.05], "shield": False}
     return study(policies, NEAR, episodes=2, jobs=1, out=out, time_limit=40.0, **axes, **options)
 
 
 @pytest.fixture(scope="module")
-def table(out, near_file) -> StudyTable:
+def table(out, near_file) -> Report:
     return measured(out, near_file)
 
 
@@ -169,7 +170,7 @@ def test_a_module_names_a_policy(tmp_path, monkeypatch, command):
     options = ("--scenario", "1a", "--starts", 1, "--time-limit", LIMIT_S, "--recordings", 0)
     done = command("evaluate", "--policy", "driver:East", *options, "--jobs", 1, "--json")
     assert done.returncode == 0, done.stderr
-    (row,) = json.loads(done.stdout.splitlines()[-1])["policies"]
+    (row,) = json.loads(done.stdout.splitlines()[-1])["rows"]
     assert (row["policy"], row["success"]) == ("driver:East", 0.0)
 
 
@@ -211,8 +212,12 @@ def test_a_file_has_nothing_of_the_command(tmp_path):
         (Stubborn(), {"scenario": NEAR, "out": 5}, "out = 5 is invalid"),
         (Stubborn(), {"scenario": NEAR, "jobs": "x"}, "jobs = 'x' is invalid"),
         (Stubborn(), {"scenario": NEAR, "backend": "x"}, "backend = 'x' is unknown"),
-        (Stubborn(), {"scenario": NEAR, "budget_minutes": -1}, "must not be negative"),
-        (Stubborn(), {"scenario": NEAR, "budget_minutes": np.nan}, "must not be negative"),
+        (Stubborn(), {"scenario": NEAR, "budget_minutes": -1}, "budget_minutes = -1 is invalid"),
+        (
+            Stubborn(),
+            {"scenario": NEAR, "budget_minutes": np.nan},
+            "budget_minutes = nan is invalid",
+        ),
     ],
 )
 def test_mistakes_are_named(policies, options, message):
@@ -220,13 +225,17 @@ def test_mistakes_are_named(policies, options, message):
         study(policies, **options)
 
 
-def test_evaluate_takes_one_value_of_each_and_starts_that_exist(monkeypatch):
-    monkeypatch.setattr("agent.study.user.simulate", lambda *_, **__: pytest.fail("simulated"))
-    wrong: Any = (0, 1.5, "all", 99)
-    for starts in wrong:
-        with pytest.raises(UserError, match="starts = "):
+def test_evaluate_takes_one_value_of_each_and_starts_that_exist():
+    wrong: Any = {
+        0: "starts = 0",
+        1.5: "starts = 1.5",
+        "all": "starts = 'all'",
+        99: "only 4 starts",
+    }
+    for starts, message in wrong.items():
+        with pytest.raises(UserError, match=message):
             evaluate(Stubborn(), NEAR, starts=starts)
-    with pytest.raises(UserError, match="evaluate has no option episodes; give starts"):
+    with pytest.raises(UserError, match="evaluate has no option episodes"):
         evaluate(Stubborn(), NEAR, episodes=3)
     for mu in ([0.1, 0.2], np.array([0.1, 0.2])):
         with pytest.raises(UserError, match="evaluate takes one value"):

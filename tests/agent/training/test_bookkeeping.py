@@ -9,10 +9,10 @@ import math
 import numpy as np
 import pytest
 
-from agent.evaluation.grid import measure
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import evaluate, joint_starts
 from agent.mdp.readings import build_process
+from agent.study.grid import grid_row
 from agent.training.learning import build_learning, initial_state
 from agent.training.loop import move_model, training_log
 from agent.training.moves_qlearning import advance_moves
@@ -132,7 +132,7 @@ def test_an_exact_evaluation_has_means_over_successes_alone():
     assert found.steps.mean(axis=1) == pytest.approx([steps for *_, steps, _ in episodes])
     succeeded = [row for row in episodes if row[0] == SUCCESS]
     visits, unused = np.ones(values.shape[:2], np.uint32), np.zeros(1, np.uint64)
-    report = measure("forced", Policy(config, values[None], visits, unused, 0))
+    report = grid_row("forced", Policy(config, values[None], visits, unused, 0))
     assert report.path_length_cm == pytest.approx(np.mean([row[1] for row in succeeded]))
     assert report.steps == pytest.approx(np.mean([row[2] for row in succeeded]))
     assert report.success == len(succeeded) / len(episodes)

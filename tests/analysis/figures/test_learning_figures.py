@@ -4,6 +4,7 @@ import json
 import shutil
 import sys
 from types import SimpleNamespace
+from typing import get_args
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from matplotlib.patches import Rectangle
 
 from agent.experiments.results import show
-from agent.experiments.variants import EXPERIMENTS
+from agent.experiments.variants import Name, variants_of
 from analysis.figures import fig05
 from analysis.figures.learning import (
     POINTS,
@@ -154,6 +155,8 @@ def test_variants_are_compared_run_by_run(results, capsys):
 
 
 def test_every_experiment_changes_one_thing_of_the_default():
-    for variants in EXPERIMENTS.values():
+    for name in get_args(Name):
+        variants = variants_of(name)
         distinct = {(v.scenario, v.process, v.learning) for v in variants.values()}
+        assert {v.reference for v in variants.values()} <= {None, *variants}
         assert len(distinct) == len(variants)

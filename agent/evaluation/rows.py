@@ -1,0 +1,240 @@
+"""Rows of tables of policies: what each achieves, in the dynamics or on the grid, and columns."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from agent.evaluation.cases import Case
+from agent.evaluation.claims import JudgedClaim
+from agent.evaluation.statistics import Interval, interval_text, rate, summarise
+from agent.mdp.greedy import GreedyPolicy
+from cosim.base.table import Column, Columns, field, markdown
+from cosim.model.outcome import ENDS, SUCCESS, Outcome
+from cosim.model.scenario import Cell, Scenario
+from cosim.model.world import World
+from cosim.simulation.result import EpisodeResult
+
+
+class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A start that did not end in success: its cells and outcome; in the dynamics also its index.
+
+    Attributes:
+        recording: file, if it is recorded.
+    """
+
+    starts: tuple[Cell, ...]
+    outcome: Outcome
+    index: int | None = None
+    recording: str | None = None
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a policy achieves in a scenario; None where there is no such number.
+
+    Every outcome has the share of the episodes that ended so, and its 95 % Wilson interval; on the
+    grid only success from a sample of the starts has one, as all else is exact.
+
+    In the dynamics `min_distance_cm` is the smallest distance between two robots' centres in any
+    episode. Path, rotation, time, energy and moves are means over successful episodes, path,
+    rotation and moves also over the robots, the energy summed over them. `path_ratio_to_grid` is
+    the mean over the episodes that succeed here and on the grid of the path over that of the same
+    policy's exact grid episode from the same start, with its 95 % Student interval.
+
+    Attributes:
+        policy: its name, file or method.
+        options: values of the axes of a study, by name.
+        episodes, planned: counted, and asked for.
+        steps: moves.
+        ratio_to_bound, steps_ratio_to_bound: path and moves over the exact optimum
+            (`agent.mdp.optimum.ratios`).
+        mu, shield, drive_speed_m_s: of the co-simulation; the speed is that of the calibration.
+        starts: combinations of start cells that the scenario has; on the grid those evaluated.
+        wall_s: wall-clock time of the episodes counted, of all threads together.
+        digest: of the case.
+        failing_starts: how many episodes did not end in success.
+        failures: these; on the grid at most the first 1000.
+        recordings: files.
+        results: episodes, by index of the start.
+        claim: with its verdict and evidence, if there is one.
+    """
+
+    policy: str
+    scenario: str
+    options: dict[str, Any] = {}
+    episodes: int
+    success: float | None = None
+    success_low: float | None = None
+    success_high: float | None = None
+    collision: float | None = None
+    collision_low: float | None = None
+    collision_high: float | None = None
+    out_of_board: float | None = None
+    out_of_board_low: float | None = None
+    out_of_board_high: float | None = None
+    timeout: float | None = None
+    timeout_low: float | None = None
+    timeout_high: float | None = None
+    path_length_cm: float | None = None
+    rotation_deg: float | None = None
+    path_ratio_to_grid: float | None = None
+    path_ratio_to_grid_low: float | None = None
+    path_ratio_to_grid_high: float | None = None
+    min_distance_cm: float | None = None
+    sim_time_s: float | None = None
+    energy_j: float | None = None
+    steps: float | None = None
+    ratio_to_bound: float | None = None
+    steps_ratio_to_bound: float | None = None
+    mu: float | None = None
+    shield: bool | None = None
+    drive_speed_m_s: float | None = None
+    starts: int
+    planned: int
+    wall_s: float | None = None
+    digest: str = ""
+    failing_starts: int
+    failures: tuple[Failure, ...] = ()
+    recordings: tuple[str, ...] = ()
+    claim: JudgedClaim | None = None
+    results: dict[int, EpisodeResult] = {}
+
+    def __repr__(self) -> str:
+        """Return what an interactive session shows: the row's table, and not its episodes."""
+        return markdown(columns_of([self], list(self.options)), [self])
+
+    def interval(self, name: str) -> Interval:
+        """Return a measure with its interval."""
+        return Interval(*(getattr(self, name + end) for end in ("", "_low", "_high")))
+
+    def labels(self) -> dict[str, Any]:
+        """Return what names the row, values that are no number as text."""
+        plain = {
+            name: value if isinstance(value, bool | int | float) else text_of(value)
+            for name, value in self.options.items()
+        }
+        return {"policy": self.policy, "scenario": self.scenario} | plain
+
+    def record(self) -> dict[str, Any]:
+        """Return the row without single episodes: its names, and its numbers in the dynamics."""
+        without = {*_ROW_ONLY, *self.options}
+        numbers = {k: v for k, v in msgspec.structs.asdict(self).items() if k not in without}
+        return self.labels() | numbers
+
+
+_ROW_ONLY = (
+    *("options", "results", "failures", "recordings", "claim"),
+    *("steps", "ratio_to_bound", "steps_ratio_to_bound"),
+)
+
+
+def measures(case: Case, results: Mapping[int, EpisodeResult]) -> dict[str, Any]:
+    """Return the fields of a `Row` that are statistics over episodes, by index of the start."""
+    shares: dict[str, float | None] = {}
+    for outcome in ENDS:
+        found = rate(sum(r.outcome == outcome for r in results.values()), len(results))
+        shares |= dict(zip((outcome, f"{outcome}_low", f"{outcome}_high"), found, strict=True))
+    successes = {index: r for index, r in results.items() if r.outcome == Outcome.SUCCESS}
+    distances = [r.min_distance_cm for r in results.values() if r.min_distance_cm is not None]
+    ratio = summarise(_ratios_to_grid(case, successes), 0.0)
+
+    def mean(name: str) -> float | None:
+        values = [getattr(result, name) for result in successes.values()]
+        return float(np.mean(values)) if values else None
+
+    return {
+        "episodes": len(results),
+        **shares,
+        "path_length_cm": mean("path_length_cm"),
+        "rotation_deg": mean("rotation_deg"),
+        "path_ratio_to_grid": ratio.mean,
+        "path_ratio_to_grid_low": ratio.low,
+        "path_ratio_to_grid_high": ratio.high,
+        "min_distance_cm": min(distances, default=None),
+        "sim_time_s": mean("sim_time_s"),
+        "energy_j": mean("energy_j"),
+    }
+
+
+def _ratios_to_grid(case: Case, successes: Mapping[int, EpisodeResult]) -> np.ndarray:
+    """(episodes,) float64, NaN where the policy fails on the grid."""
+    if not successes:
+        return np.empty(0)
+    policy = case.policy
+    if not isinstance(policy, GreedyPolicy):
+        return np.full(len(successes), np.nan)
+    grid = policy.evaluate(case.starts[[index % len(case.starts) for index in successes]])
+    cell_cm = 100.0 * policy.config.scenario.cell_m
+    expected = cell_cm * grid.path_cells.mean(axis=1)
+    expected[grid.outcome != SUCCESS] = np.nan
+    return np.array([r.path_length_cm for r in successes.values()]) / expected
+
+
+def interval_column(name: str, *form: Any, heading: str | None = None) -> Column:
+    """Return the column of a measure with its interval; `form` is that of `interval_text`."""
+    text = heading or name.replace("_", " ")
+    return Column(text, lambda row: interval_text(row.interval(name), *form))
+
+
+def rate_column(name: str) -> Column:
+    """Return the column of the rate of an outcome."""
+    return interval_column(name, 1, 100.0, "%")
+
+
+def _episodes(row: Row) -> str:
+    n = row.episodes
+    return str(n) if n == row.planned else f"{n} of {row.planned}"
+
+
+def _others(row: Row) -> str:
+    shares = (getattr(row, name) or 0.0 for name in ("out_of_board", "timeout"))
+    counts = ", ".join(str(round(row.episodes * share)) for share in shares)
+    return counts if row.episodes else "–"
+
+
+POLICY, SCENARIO, METHOD = field("policy"), field("scenario"), field("policy", heading="method")
+MU = field("mu", "{:g}", "µ")
+SHIELD = Column("shield", lambda row: "on" if row.shield else "off")
+PATH_RATIO = interval_column("path_ratio_to_grid", 3, heading="× own grid path")
+OUTCOMES = (
+    Column("episodes", _episodes),
+    rate_column("success"),
+    rate_column("collision"),
+    Column("out of board, timeout", _others),
+)
+MEASURES = (
+    field("min_distance_cm", "{:.2f} cm", "min distance"),
+    field("path_length_cm", "{:.1f} cm", "path"),
+    field("rotation_deg", "{:.0f}°", "rotation"),
+    field("sim_time_s", "{:.0f} s", "simulated"),
+    field("energy_j", "{:.1f} J", "energy"),
+)
+
+
+def option_column(name: str, heading: str | None = None) -> Column:
+    """Return the column of an axis."""
+    return Column(heading or name, lambda row: text_of(row.options[name]))
+
+
+def columns_of(rows: Iterable[Row], axes: Iterable[str]) -> Columns:
+    """Return the columns of a study with these axes; a claim of its rows has one, too."""
+    claims = dict.fromkeys(row.claim.text for row in rows if row.claim)
+    verdicts = [Column(text, lambda row: row.claim.verdict) for text in claims]
+    return (POLICY, SCENARIO, *map(option_column, axes), *verdicts, *OUTCOMES, *MEASURES)
+
+
+def text_of(value: Any) -> str:
+    """Return the value of an axis as text; of a world what is not ideal in it."""
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, World):
+        ideal = msgspec.to_builtins(World())
+        value = {k: v for k, v in msgspec.to_builtins(value).items() if v != ideal[k]}
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} = {text_of(part)}" for name, part in value.items()) or "ideal"
+    if isinstance(value, Scenario):
+        return value.name
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return " ".join(map(text_of, value))
+    return "none" if value is None else str(value)

@@ -1,0 +1,210 @@
+"""The engine of all studies: cases become jobs, jobs episodes that are kept, and these rows."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from agent.evaluation.cases import Case, Job, run_jobs
+from agent.evaluation.claims import Claim, JudgedClaim
+from agent.evaluation.rows import Failure, Row, measures
+from agent.study.store import EpisodeStore
+from cosim.base.errors import UserError
+from cosim.base.jobs import JobKind, Workers, always, run
+from cosim.base.progress import Progress, silent
+from cosim.model.outcome import Outcome
+from cosim.simulation.driving import options_for
+from cosim.simulation.options import SimulationOptions, resolve
+from cosim.simulation.result import EpisodeResult
+from cosim.simulation.tasks import compile_kernels
+
+EPISODES: JobKind[Job, EpisodeResult] = JobKind(
+    run_jobs,
+    batch=lambda job: job.task().batch_key,
+    succeeded=lambda result: result.outcome == Outcome.SUCCESS,
+    prepare=lambda jobs, threads: compile_kernels(jobs[0].task(), len(jobs), threads),
+)
+
+
+def case_of(
+    policy: Any,
+    options: SimulationOptions,
+    seed: int,
+    scenario: Any = None,
+    *,
+    world: Any = None,
+    name: str = "",
+    progress: Progress = silent,
+) -> Case:
+    """Return a policy under the options of a command; `scenario` and `world` as in `resolve`.
+
+    Args:
+        seed: of samples of starts and of what episodes draw.
+        scenario: by default that of the policy; others than its own are refused.
+        name: of the policy, for messages.
+        progress: receives what is calibrated.
+    """
+    setup = resolve(
+        options_for(policy, options),
+        policy.config.scenario if scenario is None else scenario,
+        progress,
+        world=world,
+        require=lambda board: policy.require_scenario(board, f"{name}: the policy"),
+    )
+    return Case(policy, setup.config, setup.fmu, seed)
+
+
+@dataclass(frozen=True)
+class Line:
+    """What a row is made of: a case, and which of its episodes.
+
+    Attributes:
+        indices: of the starts, see `Case.sample`.
+        policy, options: of the row.
+        claim: statement about the policy; the row ends with the episode that decides it.
+    """
+
+    case: Case
+    indices: list[int]
+    policy: str
+    options: dict[str, Any] = field(default_factory=dict)
+    claim: Claim | None = None
+
+    def __post_init__(self) -> None:
+        if self.claim is not None and self.case.config.on_collision != "end":
+            raise UserError(
+                "a claim is about episodes that end where robots collide; leave out --on-collision "
+                "continue"
+            )
+
+    def results(self, store: EpisodeStore) -> dict[int, EpisodeResult]:
+        """Return the episodes that count: the completed prefix, up to the decision of the claim."""
+        known = store.completed_prefix(self.case, self.indices)
+        return dict(islice(known.items(), self.claim and self.claim.judge(known.values()).episodes))
+
+    def row(self, store: EpisodeStore, recordings: Mapping[int, Path] = {}) -> Row:
+        """Return the row of the episodes that count, of which some are recorded."""
+        case, results, claim = self.case, self.results(store), self.claim
+        failures = tuple(
+            Failure(
+                starts=result.starts,
+                outcome=result.outcome,
+                index=index,
+                recording=str(recordings[index]) if index in recordings else None,
+            )
+            for index, result in sorted(results.items())
+            if result.outcome != Outcome.SUCCESS
+        )
+        return Row(
+            policy=self.policy,
+            scenario=case.policy.config.scenario.name,
+            options=self.options,
+            **measures(case, results),
+            mu=case.config.robot.mu,
+            shield=case.config.shield is not None,
+            drive_speed_m_s=case.config.steering.drive_speed_m_s,
+            starts=len(case.starts),
+            planned=len(self.indices),
+            wall_s=sum(r.wall_s for r in results.values()),
+            digest=case.digest,
+            failing_starts=len(failures),
+            failures=failures,
+            recordings=tuple(map(str, recordings.values())),
+            claim=claim and claim.judge(results.values()),
+        )
+
+
+def measure(
+    lines: Sequence[Line],
+    store: EpisodeStore,
+    where: Workers,
+    *,
+    recordings: int = 0,
+    may_begin: Callable[[], bool] = always,
+    progress: Progress = silent,
+) -> tuple[Row, ...]:
+    """Simulate the missing episodes of all rows at once, so that they share batches.
+
+    Rows with a claim follow one by one, each in its order until its claim is decided.
+
+    Args:
+        lines: a row each.
+        store: of the episodes.
+        where: they are simulated.
+        recordings: how many failures, and successes, of each row are recorded, on this machine.
+        may_begin: whether another episode may begin.
+        progress: receives how many have ended.
+    """
+    how: dict[str, Any] = {"where": where, "progress": progress}
+    together = [Job(line.case, k) for line in lines if line.claim is None for k in line.indices]
+    for _ in run(together, store, EPISODES, may_begin=may_begin, **how):
+        pass
+    for line in lines:
+        if line.claim is not None:
+            _decide(line, line.claim, store, may_begin, how)
+    recorded = _record(lines, store, recordings, where.count if recordings else 1, progress)
+    return tuple(line.row(store, paths) for line, paths in zip(lines, recorded, strict=True))
+
+
+def _decide(
+    line: Line,
+    claim: Claim,
+    store: EpisodeStore,
+    may_begin: Callable[[], bool],
+    how: dict[str, Any],
+) -> None:
+    """Simulate episodes in their order until they decide the claim, or none may begin."""
+
+    def judge() -> JudgedClaim:
+        return claim.judge(store.completed_prefix(line.case, line.indices).values())
+
+    def undecided() -> bool:
+        return judged.verdict == "undecided" and may_begin()
+
+    judged = judge()
+    while undecided():
+        jobs = [Job(line.case, k) for k in line.indices[: judged.enough]]
+        if all(map(store.find, jobs)):
+            return
+        for _, result in run(jobs, store, EPISODES, may_begin=undecided, **how):
+            if result.outcome in claim.against:
+                judged = judge()
+        judged = judge()
+
+
+def _record(
+    lines: Sequence[Line], store: EpisodeStore, count: int, threads: int, progress: Progress
+) -> list[dict[int, Path]]:
+    """Simulate the first failures and successes of each row again, and record them.
+
+    Returns:
+        The recordings of each row, by index of the start.
+    """
+    found: list[dict[int, Path]] = []
+    jobs: dict[Path, Job] = {}
+    for line in lines:
+        case, results = line.case, line.results(store)
+        succeeded = [k for k, result in results.items() if result.outcome == Outcome.SUCCESS]
+        failed = [k for k in results if k not in succeeded]
+        place = f"{store.folder / 'recordings' / case.identity.scenario}-{case.digest}"
+        paths = {
+            k: Path(f"{place}-{k:06d}-{results[k].outcome}.rrd")
+            for k in (*failed[:count], *succeeded[:count])
+        }
+        jobs |= {path: Job(case, k, path) for k, path in paths.items() if not path.exists()}
+        found.append(paths)
+    for number, (job, result) in enumerate(run_jobs(list(jobs.values()), threads), 1):
+        first = store.results(job.case)[job.index]
+        factor = first.realtime_factor
+        if msgspec.structs.replace(result, recording=None, realtime_factor=factor) != first:
+            raise UserError(
+                f"{job.recording}: the same episode ended otherwise when it was simulated again. "
+                "Either the policy draws at random or remembers other episodes: let it depend on "
+                f"the observation alone. Or {store.path} was made by another machine or library: "
+                "remove it"
+            )
+        progress("recordings", number, len(jobs), f"{number}/{len(jobs)}")
+    return found
