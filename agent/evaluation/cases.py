@@ -33,18 +33,6 @@ VERSION = 1  # of episodes: raise it when their bits change
 _ORDER, _NOISE = 0, 1
 
 
-class CaseIdentity(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that decides the results of a case, for people and for its digest."""
-
-    scenario: str
-    scenario_digest: str
-    policy_digest: str
-    seed: int
-    motor_fmu_digest: str
-    parameters: dict[str, float | bool | str | list[Any]]
-    version: int
-
-
 @dataclass(frozen=True)
 class Case:
     """A policy, in its own scenario, under one configuration of the co-simulation.
@@ -92,18 +80,18 @@ class Case:
         return indices[:count]
 
     @cached_property
-    def identity(self) -> CaseIdentity:
-        """What decides the result of every episode."""
+    def identity(self) -> dict[str, Any]:
+        """What decides the result of every episode, for people and for the digest."""
         scenario = self.policy.config.scenario
-        return CaseIdentity(
-            scenario=scenario.name,
-            scenario_digest=scenario.digest(),
-            policy_digest=self.policy.digest(),
-            seed=self.seed,
-            motor_fmu_digest=identity_of_fmu(self.fmu),
-            parameters={name: row["value"] for name, row in self.config.table().items()},
-            version=VERSION,
-        )
+        return {
+            "scenario": scenario.name,
+            "scenario_digest": scenario.digest(),
+            "policy_digest": self.policy.digest(),
+            "seed": self.seed,
+            "motor_fmu_digest": identity_of_fmu(self.fmu),
+            "parameters": {name: row["value"] for name, row in self.config.table().items()},
+            "version": VERSION,
+        }
 
     @cached_property
     def digest(self) -> str:

@@ -18,11 +18,7 @@ from cosim.simulation.result import EpisodeResult
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A start that did not end in success: its cells and outcome; in the dynamics also its index.
-
-    Attributes:
-        recording: file, if it is recorded.
-    """
+    """A start that did not end in success; in the dynamics with its index and its recording."""
 
     starts: tuple[Cell, ...]
     outcome: Outcome

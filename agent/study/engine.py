@@ -189,7 +189,7 @@ def _record(
         case, results = line.case, line.results(store)
         succeeded = [k for k, result in results.items() if result.outcome == Outcome.SUCCESS]
         failed = [k for k in results if k not in succeeded]
-        place = f"{store.folder / 'recordings' / case.identity.scenario}-{case.digest}"
+        place = f"{store.folder / 'recordings' / case.policy.config.scenario.name}-{case.digest}"
         paths = {
             k: Path(f"{place}-{k:06d}-{results[k].outcome}.rrd")
             for k in (*failed[:count], *succeeded[:count])

@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from agent.evaluation.cases import Case, CaseIdentity, Job
+from agent.evaluation.cases import Case, Job
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, require_file
 from cosim.base.table import write_parquet
@@ -119,8 +119,8 @@ def export(folder: Path, path: Path) -> None:
     file, rows = folder / FILE, list[dict[str, Any]]()
     query = "SELECT identity, start, result FROM episodes JOIN cases USING (digest)"
     for identity, start, text in _read(file, query):
-        case = msgspec.structs.asdict(_decoded(file, identity, CaseIdentity))
+        case = _decoded(file, identity, dict[str, Any])
         case |= case.pop("parameters")
-        result = msgspec.structs.asdict(_decoded(file, text, EpisodeResult))
-        rows.append(case | result | {"index": start})
+        result = _decoded(file, text, EpisodeResult)
+        rows.append(case | msgspec.structs.asdict(result) | {"index": start})
     write_parquet(path, rows)

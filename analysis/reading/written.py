@@ -7,7 +7,7 @@ from pathlib import Path
 
 from agent.evaluation.series import RunSummary
 from agent.experiments.results import ExperimentResult
-from agent.study.published import TransferReport
+from agent.study.studies import TransferReport
 from analysis.reading.results import RESULTS
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_json

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from agent.evaluation.rows import METHOD, MU, PATH_RATIO, SCENARIO, SHIELD, rate_column
 from agent.evaluation.statistics import interval_text
 from agent.experiments.results import ExperimentResult
-from agent.study.published import QUICK_EPISODES
+from agent.study.studies import QUICK_EPISODES
 from analysis.figures.style import NOTHING
 from analysis.reading.results import DRIVEN_BY, RESULTS, episodes_of
 from analysis.reading.written import read_experiment, read_run, read_transfer

@@ -159,7 +159,7 @@ class Evaluate(Sampling, Command):
             paths = grid.policy_files(tuple(map(Path, policies)))
             exact = grid.report_of((str(path), load_policy(path)) for path in paths)
             return Output(exact, partial(grid.show, exact))
-        from agent.study.evaluate import evaluate, show
+        from agent.study.studies import evaluate, show_evaluation
 
         report = evaluate(
             policies,
@@ -173,7 +173,7 @@ class Evaluate(Sampling, Command):
         recordings = [path for row in report.rows for path in row.recordings]
         return Output(
             report,
-            partial(show, report),
+            partial(show_evaluation, report),
             f"results in {self.out}/",
             *(f"open with: {in_shell('rerun')} {path}" for path in recordings[:1]),
             failed=any(row.claim and row.claim.verdict != "certified" for row in report.rows),
@@ -271,7 +271,7 @@ class Transfer(Comparison):
             raise ConfigError("--scenarios has two of one name; leave one out, or rename it")
 
     def run(self, progress: Progress) -> Output:
-        from agent.study.published import show, transfer
+        from agent.study.studies import show, transfer
 
         report = transfer(**vars(self), progress=progress)
         files = f"table in {self.out}/: transfer.json, transfer.md"
@@ -312,7 +312,7 @@ class Robustness(Comparison):
         find_scenario(self.scenario, ideal=True)
 
     def run(self, progress: Progress) -> Output:
-        from agent.study.published import OF_WORLDS, robustness
+        from agent.study.studies import OF_WORLDS, robustness
         from cosim.base.table import show
 
         report = robustness(**{**vars(self), "world": read_world(self.world)}, progress=progress)

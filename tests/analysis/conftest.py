@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from agent.evaluation.rows import Row
-from agent.study.published import TransferReport
+from agent.study.studies import TransferReport
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS
 from cosim.base.storage import write_json

@@ -1,6 +1,5 @@
 """Commands on a Dask cluster of two workers give the rows that they give in threads."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +8,7 @@ import pytest
 
 from agent.evaluation.claims import claim_of
 from agent.mdp.config import ProcessConfig
-from agent.study.evaluate import evaluate
-from agent.study.published import robustness, transfer
+from agent.study.studies import evaluate, robustness, transfer
 from agent.study.user import study
 from agent.training.runs import Experiment, train_runs
 from agent.training.settings import LearningConfig
@@ -23,79 +21,46 @@ from tests.agent.study.test_transfer import BOARD
 from tests.faults.killing import timeless
 
 
-class Place:
-    """Where a command runs, and what it may need.
-
-    Attributes:
-        out: folder of results.
-        where: backend.
-        policy, board: files.
-    """
-
-    def __init__(self, out: Path, where: Workers, policy: Path) -> None:
-        self.out, self.where, self.policy = out, where, policy
-        out.parent.mkdir()
-        self.board = out.parent / "near.toml"
-        self.board.write_text(BOARD)
-
-
-def of_claim(place: Place, _: pytest.MonkeyPatch) -> Any:
-    options: Any = {"claim": claim_of("success > 0.5", 0.9), "starts": 9, "recordings": 0}
-    return evaluate([place.policy], SimulationOptions(), place.out, where=place.where, **options)
-
-
-def of_evaluate(place: Place, _: pytest.MonkeyPatch) -> Any:
-    return evaluate([place.policy], SimulationOptions(), place.out, recordings=0, where=place.where)
-
-
-def of_robustness(place: Place, _: pytest.MonkeyPatch) -> Any:
-    board, axes = str(place.board), ("nothing", "delay")
-    few: Any = {"scenario": board, "axes": axes, "methods": ("paper",), "episodes": 1}
-    return robustness(place.out, read_world(ROUGH), where=place.where, **few)
-
-
-def of_study(place: Place, _: pytest.MonkeyPatch) -> Any:
-    work = {"out": place.out, "backend": place.where.backend, "address": place.where.address}
-    return study(place.policy, noise=[0.0, 0.05], episodes=2, **work).rows
-
-
-def of_training(place: Place, _: pytest.MonkeyPatch) -> Any:
+def training(out: Path, where: Workers) -> Any:
     few = LearningConfig(episodes=2000, greedy_points=1)
-    runs = train_runs(
-        Experiment(find_scenario("2"), ProcessConfig(), few, 3, 2), place.out, where=place.where
-    )
+    runs = train_runs(Experiment(find_scenario("2"), ProcessConfig(), few, 3, 2), out, where=where)
     return [(run.run, run.policy.digest()) for run in runs]
 
 
-def of_transfer(place: Place, _: pytest.MonkeyPatch) -> Any:
-    few: Any = {"scenarios": (str(place.board),), "methods": ("paper",), "quick": True}
-    return transfer(place.out, where=place.where, **few)
-
-
-def of_validate(place: Place, patch: pytest.MonkeyPatch) -> Any:
-    patch.setattr(measurement, "SPEEDS", SPEEDS[-2:])
-    patch.setattr(measurement, "PATHS", ())
-    patch.setattr(measurement, "sideways", lambda *_: [])
-    patch.setattr(measurement, "cache_dir", lambda _: place.out)
-    place.out.mkdir()
-    fmu = SimulationOptions().fmu()
-    return measurement.validate(fmu, measurement.QUICK, where=place.where).speeds
-
-
-OF: dict[str, Callable[[Place, pytest.MonkeyPatch], Any]] = {
-    "claim": of_claim,
-    "evaluate": of_evaluate,
-    "robustness": of_robustness,
-    "study": of_study,
-    "training": of_training,
-    "transfer": of_transfer,
-    "validate": of_validate,
-}
-
-
-def rows(name: str, place: Place) -> Any:
+def validation(out: Path, where: Workers) -> Any:
+    out.mkdir()
     with pytest.MonkeyPatch.context() as patch:
-        return timeless(msgspec.json.decode(msgspec.json.encode(OF[name](place, patch))))
+        patch.setattr(measurement, "SPEEDS", SPEEDS[-2:])
+        patch.setattr(measurement, "PATHS", ())
+        patch.setattr(measurement, "sideways", lambda *_: [])
+        patch.setattr(measurement, "cache_dir", lambda _: out)
+        fmu = SimulationOptions().fmu()
+        return measurement.validate(fmu, measurement.QUICK, where=where).speeds
+
+
+NAMES = ("claim", "evaluate", "robustness", "study", "training", "transfer", "validate")
+
+
+def rows(name: str, out: Path, where: Workers, policy: Path) -> Any:
+    """What a command gives, but for the time that it takes."""
+    out.parent.mkdir()
+    board = out.parent / "near.toml"
+    board.write_text(BOARD)
+    claim: Any = {"claim": claim_of("success > 0.5", 0.9), "starts": 9}
+    physics, few = SimulationOptions(), {"methods": ("paper",), "where": where}
+    rough: Any = {"scenario": str(board), "axes": ("nothing", "delay"), "episodes": 1}
+    work: Any = {"out": out, "backend": where.backend, "address": where.address}
+    how: Any = {"recordings": 0, "where": where}
+    found = {
+        "claim": lambda: evaluate([policy], physics, out, **how, **claim),
+        "evaluate": lambda: evaluate([policy], physics, out, **how),
+        "robustness": lambda: robustness(out, read_world(ROUGH), **few, **rough),
+        "study": lambda: study(policy, noise=[0.0, 0.05], episodes=2, **work).rows,
+        "training": lambda: training(out, where),
+        "transfer": lambda: transfer(out, scenarios=(str(board),), quick=True, **few),
+        "validate": lambda: validation(out, where),
+    }[name]()
+    return timeless(msgspec.json.decode(msgspec.json.encode(found)))
 
 
 @pytest.fixture(scope="module")
@@ -108,17 +73,18 @@ def cluster():
         yield Workers(backend="dask", address=local.scheduler_address)
 
 
+def compare(name: str, there: Workers, policy: Path, folder: Path) -> None:
+    one = rows(name, folder / "here" / "out", Workers(jobs=1), policy)
+    other = rows(name, folder / "there" / "out", there, policy)
+    assert msgspec.json.encode(one).replace(b"/here/", b"/there/") == msgspec.json.encode(other)
+
+
 @pytest.mark.cluster
-@pytest.mark.parametrize("name", OF)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_cluster_gives_the_rows_of_threads(cluster, name, near_file, tmp_path):
-    here = rows(name, Place(tmp_path / "here" / "out", Workers(jobs=1), near_file))
-    there = rows(name, Place(tmp_path / "there" / "out", cluster, near_file))
-    assert msgspec.json.encode(here).replace(b"/here/", b"/there/") == msgspec.json.encode(there)
+    compare(name, cluster, near_file, tmp_path)
 
 
 @pytest.mark.slow
 def test_processes_give_the_rows_of_threads(near_file, tmp_path):
-    here = rows("evaluate", Place(tmp_path / "here" / "out", Workers(jobs=1), near_file))
-    place = Place(tmp_path / "there" / "out", Workers(jobs=2, backend="loky"), near_file)
-    there = rows("evaluate", place)
-    assert msgspec.json.encode(here).replace(b"/here/", b"/there/") == msgspec.json.encode(there)
+    compare("evaluate", Workers(jobs=2, backend="loky"), near_file, tmp_path)

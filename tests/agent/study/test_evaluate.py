@@ -13,10 +13,10 @@ from pyarrow import parquet
 
 from agent.evaluation.cases import Case, Job
 from agent.evaluation.rows import measures
-from agent.study.evaluate import evaluate
 from agent.study.options import Sampling
 from agent.study.report import Report
 from agent.study.store import FILE, EpisodeStore, export
+from agent.study.studies import evaluate
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
 from cosim.model.config import CoSimConfig

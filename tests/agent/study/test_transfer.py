@@ -6,7 +6,9 @@ import msgspec
 import pytest
 
 from agent.study import engine
-from agent.study.published import (
+from agent.study.report import Report
+from agent.study.store import EpisodeStore
+from agent.study.studies import (
     AXES,
     OF_WORLDS,
     TransferReport,
@@ -15,9 +17,7 @@ from agent.study.published import (
     transfer,
     worlds_of,
 )
-from agent.study.published import markdown as transfer_text
-from agent.study.report import Report
-from agent.study.store import EpisodeStore
+from agent.study.studies import markdown as transfer_text
 from cosim.base.errors import UserError
 from cosim.base.table import markdown
 from cosim.model.scenario_file import ROUGH, find_scenario, in_world, read_world

@@ -1,34 +1,42 @@
-"""Studies of this project: methods in the full dynamics, and in other worlds; see docs/methods.md.
+"""Studies of this project: of policies, and of methods in the dynamics and in other worlds.
 
-The command lines are `minirobots transfer` and `minirobots robustness`.
+The command lines are `minirobots evaluate`, `transfer` and `robustness`; see docs/methods.md.
 """
 
 import operator
 from collections.abc import Collection, Iterable, Iterator
 from itertools import product
 from pathlib import Path
+from typing import Any, Literal
 
 import msgspec
 from rich.console import Console
 from rich.markdown import Markdown
 
+from agent.evaluation.cases import Case
+from agent.evaluation.claims import claim_of
 from agent.evaluation.rows import (
     MEASURES,
     METHOD,
     MU,
     OUTCOMES,
     PATH_RATIO,
+    POLICY,
     SCENARIO,
     SHIELD,
     Row,
     option_column,
+    rate_column,
 )
 from agent.evaluation.statistics import Interval, interval_text
 from agent.study.axes import AXES, Axis, worlds_of
 from agent.study.engine import Line, case_of, measure
-from agent.study.policies import trained
+from agent.study.grid import policy_files, show_failures
+from agent.study.options import Sampling
+from agent.study.policies import name_of, trained
 from agent.study.report import Report, write_figure
 from agent.study.store import EpisodeStore
+from agent.study.user import lines_of
 from agent.training.settings import COMPARED, METHODS
 from cosim.base.jobs import THREADS, Workers, until
 from cosim.base.progress import Progress, silent
@@ -36,16 +44,28 @@ from cosim.base.table import Column, write_report
 from cosim.base.table import markdown as table_text
 from cosim.base.table import show as show_table
 from cosim.model.built_in import PAPER
+from cosim.model.outcome import ENDS
 from cosim.model.params import TABLE_I
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import World
 from cosim.simulation.options import SimulationOptions
 
+STARTS = 50
+OF_POLICIES = (
+    POLICY,
+    SCENARIO,
+    Column("episodes", lambda r: f"{r.episodes}" if r.claim else f"{r.episodes} of {r.starts}"),
+    *map(rate_column, ENDS),
+    *MEASURES[1:3],
+    PATH_RATIO,
+    MEASURES[0],
+    *MEASURES[3:],
+)
 MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
 _DETAILED = "moves"  # method with rows of every friction coefficient, and with goals
 # Episodes of a pair in rows of that method at the default friction, and of other rows.
 _MANY, _SOME, QUICK_EPISODES = 200, 50, 2
-COLUMNS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
+OF_METHODS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
 OF_WORLDS = (
     option_column("axis", "not ideal"),
     option_column("value"),
@@ -61,6 +81,50 @@ _GOALS = {
     "collisions with the shield": ("collision", True, max, 0.0),
     "path length over the grid's": ("path_ratio_to_grid", False, max, 1.25),
 }
+
+
+def evaluate(
+    policies: Iterable[Any],
+    physics: SimulationOptions,
+    how: Sampling,
+    *,
+    starts: int | Literal["all"] | None = None,
+    scenario: str | None = None,
+    recordings: int = 3,
+    progress: Progress = silent,
+) -> Report:
+    """Simulate missing episodes, and record the selected ones.
+
+    Arguments are options of the command; policies are files, folders of runs, or what `policy_of`
+    takes.
+    """
+    assert how.out is not None
+    store, claim = EpisodeStore(how.out), claim_of(how.claim, how.confidence)
+
+    def indices(case: Case) -> list[int]:
+        available, wanted = len(case.starts), starts
+        if wanted == "all" or (wanted is None and claim):
+            wanted = available
+        elif wanted is None:
+            wanted = min(STARTS, available)
+        return case.rounds(wanted) if claim else case.sample(wanted)
+
+    named = {name_of(policy): policy for policy in policy_files(policies)}
+    lines = lines_of(named, [scenario], vars(physics), how.seed, indices, claim, progress)
+    more = {"recordings": recordings, "may_begin": until(how.budget_minutes), "progress": progress}
+    return Report(seed=how.seed, rows=measure(lines, store, how.where, **more))
+
+
+def show_evaluation(report: Report) -> None:
+    """Print a report as tables: outcomes with 95 % intervals, measures, the first failing starts.
+
+    Path, rotation, time and energy are means of successes. Verdicts on claims come last.
+    """
+    show_table(OF_POLICIES, report.rows, names=2, title="outcomes with 95 % intervals")
+    show_failures(report.rows)
+    for row in report.rows:
+        if row.claim is not None:
+            print(f"{row.claim.verdict} for {row.policy}: {row.claim}")
 
 
 class Goal(msgspec.Struct, frozen=True, kw_only=True):
@@ -135,12 +199,12 @@ def transfer(
 
 def markdown(report: TransferReport) -> str:
     """Return the table as Markdown, the goals below it, and how long it took."""
-    return "\n".join([table_text(COLUMNS, report.rows), "", *_findings(report)])
+    return "\n".join([table_text(OF_METHODS, report.rows), "", *_findings(report)])
 
 
 def show(report: TransferReport) -> None:
     """Print what `markdown` has, in as many tables as the console is wide for."""
-    show_table(COLUMNS, report.rows, names=4)
+    show_table(OF_METHODS, report.rows, names=4)
     Console().print(Markdown("\n".join(_findings(report))))
 
 
