@@ -217,7 +217,7 @@ class MovePlatform(Command):
 
     def run(self, progress: Progress) -> Output:
         from cosim.base.storage import require_suffix
-        from cosim.machine.platform.result import move_platforms
+        from cosim.machine.platform.motion import move_platforms
 
         out, preset = require_suffix(self.out, ".npz"), find_preset(self.preset)
         robot = preset.robot if self.mu is None else preset.robot._replace(mu=self.mu)
@@ -327,12 +327,12 @@ class Validate(Command):
     def run(self, progress: Progress) -> Output:
         from cosim.base.table import show, write_report
         from cosim.machine.validation.report import tables, text_of
-        from cosim.machine.validation.validate import QUICK, Effort, validate
+        from cosim.machine.validation.validate import FULL, QUICK, validate
         from cosim.simulation.options import Physics
 
-        effort = QUICK if self.quick else Effort()
+        count = QUICK if self.quick else FULL
         fmu = Physics(motor_fmu=self.motor_fmu).fmu(progress)
-        report = validate(fmu, effort, self.seed, self.where, progress)
+        report = validate(fmu, count, self.seed, self.where, progress)
         write_report(self.out / "validation", report, text_of(report))
         return Output(
             report,
@@ -374,8 +374,8 @@ class IdentifyRobot(Command):
 
     def run(self, progress: Progress) -> Output:
         from cosim.base.storage import require_suffix
-        from cosim.base.table import show_texts
-        from cosim.machine.identification.result import HEADER, identify, table, write
+        from cosim.base.table import show
+        from cosim.machine.identification.result import COLUMNS, identify
         from cosim.machine.identification.track import (
             HOLD_S,
             SEQUENCE,
@@ -399,13 +399,11 @@ class IdentifyRobot(Command):
             motor_fmu=self.motor_fmu,
             motor_parameters=self.motor_parameters,
         )
-        fmu = physics.fmu(progress)
-        identified = identify(track, self.track.name, preset, physics.config(), fmu, progress)
-        write(identified, self.out)
-        report, out = identified.report, self.out
+        fmu, config, out = physics.fmu(progress), physics.config(), self.out
+        report = identify(track, self.track.name, preset, config, fmu, out, progress)
         return Output(
             report,
-            lambda: show_texts(HEADER, table(report), names=2),
+            lambda: show(COLUMNS, report.parameters, names=2),
             *(f"not identifiable from this track: {words}" for words in report.unidentifiable),
             f"results in {out}/: preset.toml, identification.json, report.md, tracks.svg",
         )

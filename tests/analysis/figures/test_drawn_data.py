@@ -21,7 +21,7 @@ from analysis.figures.fig05 import robot_colour
 from analysis.figures.motor_cycle import Cycle
 from analysis.figures.paths import Track
 from analysis.reading.results import DRIVEN_BY
-from cosim.machine.platform.result import Motion, PlatformResult
+from cosim.machine.platform.motion import Motion, PlatformResult
 from cosim.model.built_in import PAPER
 
 POINTS = 7

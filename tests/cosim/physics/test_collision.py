@@ -94,37 +94,22 @@ def test_contact_keeps_momenta_and_never_adds_energy(angle, va, vb, spin_a, spin
     assert rubbed <= (PAIR.mu * impulse) ** 2 * (1.0 + 1e-9) + 1e-24
 
 
-def test_head_on_contact_is_inelastic():
+def test_head_on_contact_is_inelastic_and_robots_apart_are_left_alone():
     a, b = touching_pair(0.0, (0.01, 0.0), (-0.01, 0.0), 0.0, 0.0)
-    impulse = push(a, b)
-    assert impulse == pytest.approx(0.01 * TABLE_I.mass_kg)
-    assert a[VELOCITY] == pytest.approx(0.0, abs=1e-11)
-    assert b[VELOCITY] == pytest.approx(0.0, abs=1e-11)
-
-
-def test_robots_apart_are_left_alone():
+    assert push(a, b) == pytest.approx(0.01 * TABLE_I.mass_kg)
+    np.testing.assert_allclose([a[VELOCITY], b[VELOCITY]], 0.0, atol=1e-11)
     a, b = touching_pair(0.0, (0.01, 0.0), (-0.01, 0.0), 0.0, 0.0, gap=1e-4)
     before = a.copy(), b.copy()
     assert push(a, b) == 0.0
-    assert np.array_equal(a, before[0])
-    assert np.array_equal(b, before[1])
+    np.testing.assert_array_equal((a, b), before)
 
 
-def test_rubbing_robots_spin_each_other():
-    """A spinning robot turns the other one the opposite way, like a pair of gears."""
-    a, b = touching_pair(0.0, (0.01, 0.0), (0.0, 0.0), 1.0, 0.0)
-    push(a, b)
-    assert a[12] < 1.0
-    assert b[12] < 0.0
-    assert b[8] > 0.0
-
-
-def test_robots_that_roll_on_each_other_do_not_rub():
-    """Opposite spins, as of two gears, have one velocity where the robots touch."""
-    for spin_b, rubs in ((-1.0, False), (1.0, True)):
-        a, b = touching_pair(0.0, (0.01, 0.0), (0.0, 0.0), 1.0, spin_b)
-        assert push(a, b) > 0.0
-        assert (a[12] != 1.0) == (b[12] != spin_b) == rubs
+@pytest.mark.parametrize(("spin_b", "rubs"), [(0.0, True), (1.0, True), (-1.0, False)])
+def test_robots_spin_each_other_like_gears_and_rub_unless_they_roll(spin_b, rubs):
+    """A spinning robot turns the other one the opposite way; opposite spins have one velocity."""
+    a, b = touching_pair(0.0, (0.01, 0.0), (0.0, 0.0), 1.0, spin_b)
+    assert push(a, b) > 0.0
+    assert (a[12] < 1.0) == (b[12] < spin_b) == (b[8] > 0.0) == rubs
 
 
 @kernel

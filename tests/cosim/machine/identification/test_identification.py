@@ -10,9 +10,8 @@ import pytest
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import FileError
 from cosim.machine.identification.fit import Fit, unidentifiable
-from cosim.machine.identification.motion import Machine, tracks
 from cosim.machine.identification.noise import Noise, deviance, likeliest_noise, residuals
-from cosim.machine.identification.simulated import NAMES, SPREADS, usual_values
+from cosim.machine.identification.simulated import NAMES, SPREADS, Machine, tracks, usual_values
 from cosim.machine.identification.track import (
     COLUMNS,
     HOLD_S,
