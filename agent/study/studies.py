@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markdown import Markdown
 
 from agent.evaluation.cases import Case
-from agent.evaluation.claims import Claim
+from agent.evaluation.claims import claim_of
 from agent.evaluation.rows import (
     MEASURES,
     METHOD,
@@ -32,6 +32,7 @@ from agent.evaluation.statistics import Interval, interval_text
 from agent.study.axes import AXES, Axis, worlds_of
 from agent.study.engine import Line, case_of, measure
 from agent.study.grid import policy_files, show_failures
+from agent.study.options import Sampling
 from agent.study.policies import name_of, trained
 from agent.study.report import Report, write_figure
 from agent.study.store import EpisodeStore
@@ -85,14 +86,11 @@ _GOALS = {
 def evaluate(
     policies: Iterable[Any],
     physics: SimulationOptions,
-    out: Path,
+    how: Sampling,
     *,
     starts: int | Literal["all"] | None = None,
-    seed: int = 0,
     scenario: str | None = None,
     recordings: int = 3,
-    claim: Claim | None = None,
-    where: Workers = THREADS,
     progress: Progress = silent,
 ) -> Report:
     """Simulate missing episodes, and record the selected ones.
@@ -100,6 +98,8 @@ def evaluate(
     Arguments are options of the command; policies are files, folders of runs, or what `policy_of`
     takes.
     """
+    assert how.out is not None
+    store, claim = EpisodeStore(how.out), claim_of(how.claim, how.confidence)
 
     def indices(case: Case) -> list[int]:
         available, wanted = len(case.starts), starts
@@ -110,9 +110,9 @@ def evaluate(
         return case.rounds(wanted) if claim else case.sample(wanted)
 
     named = {name_of(policy): policy for policy in policy_files(policies)}
-    lines = lines_of(named, [scenario], vars(physics), seed, indices, claim, progress)
-    how = {"recordings": recordings, "progress": progress}
-    return Report(seed=seed, rows=measure(lines, EpisodeStore(out), where, **how))
+    lines = lines_of(named, [scenario], vars(physics), how.seed, indices, claim, progress)
+    more = {"recordings": recordings, "may_begin": until(how.budget_minutes), "progress": progress}
+    return Report(seed=how.seed, rows=measure(lines, store, how.where, **more))
 
 
 def show_evaluation(report: Report) -> None:

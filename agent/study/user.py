@@ -17,11 +17,13 @@ from agent.evaluation.claims import Claim, claim_of
 from agent.evaluation.rows import Row
 from agent.mdp.exact import joint_starts
 from agent.study.engine import Line, case_of, measure
+from agent.study.options import Sampling
 from agent.study.policies import name_of, policy_of
 from agent.study.report import SUFFIXES, Report
 from agent.study.store import EpisodeStore
-from cosim.base.arguments import ConfigError, to_plain, validate_argument, validate_seed
-from cosim.base.jobs import Backend, Workers, until
+from cosim.base.arguments import ConfigError, to_plain, validate_argument
+from cosim.base.command import record_of
+from cosim.base.jobs import until
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.reading import Kind, read_toml
 from cosim.model.preset import PAPER
@@ -40,15 +42,7 @@ def study(
     scenario: Any = None,
     *,
     episodes: int | None = 50,
-    claim: str | None = None,
-    confidence: float | None = None,
-    seed: int = 0,
     world: Any = None,
-    out: str | Path | None = None,
-    jobs: int = -1,
-    backend: Backend = "threads",
-    address: str | None = None,
-    budget_minutes: float | None = None,
     progress: Progress | None = automatic,
     **options: Any,
 ) -> Report:
@@ -67,21 +61,12 @@ def study(
         episodes: of every row, from a sample of starts that all rows of a scenario share; all
             starts where there are fewer, or with a claim these again, each time with other noise;
             None is one from every start.
-        claim: "RATE < p" or "RATE > p" about every row, with the rate of collision, out_of_board,
-            timeout, failure or success. A row ends with the episode that certifies or refuses it.
-        confidence: least probability that a verdict is right, by default 0.999.
-        seed: of training, of the sample of starts and of what episodes draw.
         world: world file, record or dict of its fields, or a list of them.
-        out: folder of the rows, from which the same study resumes, and of the tables study.json,
-            .md, .parquet and episodes.parquet; by default nothing is kept.
-        jobs: episodes that run at the same time, -1 for one per core.
-        backend: threads, loky, dask or ray; the results do not depend on it.
-        address: of a Dask or Ray cluster.
-        budget_minutes: after which no episode is started.
         progress: receives what is trained and simulated; by default it is shown on stderr if the
             call takes more than two seconds. None shows nothing.
-        options: of `minirobots run`, such as `mu`, `noise`, `speed`, `shield`; a list or an array
-            is an axis.
+        options: of a study (`claim`, `confidence`, `seed`, `out`, `jobs`, `backend`, `address`,
+            `budget_minutes`), see `agent.study.options`; and of `minirobots run`, such as `mu`,
+            `noise`, `speed`, `shield`, of which a list or an array is an axis.
 
     Returns:
         The table.
@@ -89,12 +74,11 @@ def study(
     Raises:
         UserError: see its message.
     """
-    report, judged = progress or silent, claim_of(claim, confidence)
-    where, may_begin = Workers(jobs=jobs, backend=backend, address=address), until(budget_minutes)
+    how, options = record_of(Sampling, options)
+    report, judged = progress or silent, claim_of(how.claim, how.confidence)
     scenario = to_plain("scenario", scenario)
     scenarios = scenario if isinstance(scenario, list | tuple) else [scenario]
-    folder: Path | None = validate_argument("out", out, Path | None)
-    named, seed = _named(policies), validate_seed(seed)
+    folder, named, seed = how.out, _named(policies), how.seed
     if episodes is not None and validate_argument("episodes", episodes, int) < 1:
         raise ConfigError(f"episodes = {episodes} must be at least 1")
 
@@ -112,7 +96,8 @@ def study(
             ", ".join(dict.fromkeys(odd)),
         )
     store = EpisodeStore(None if folder is None or odd else folder / "results")
-    measured = measure(lines, store, where, may_begin=may_begin, progress=report)
+    may_begin = until(how.budget_minutes)
+    measured = measure(lines, store, how.where, may_begin=may_begin, progress=report)
     rows = tuple(
         msgspec.structs.replace(row, results=line.results(store))
         for row, line in zip(measured, lines, strict=True)

@@ -4,9 +4,10 @@ A record of options is a frozen dataclass: its fields are keywords of a function
 command line that calls it. Nothing here is slow to import, so that every `--help` comes at once.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from msgspec import Meta
@@ -23,6 +24,17 @@ class Checked:
 
     def __post_init__(self) -> None:
         validate_fields(self)
+
+
+def record_of(kind: Any, given: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """Return a record of the keywords of a call, those of its own records too, and the others."""
+    found, others = {}, dict(given)
+    for option in fields(kind):
+        if is_dataclass(option.default):
+            found[option.name], others = record_of(type(option.default), others)
+        elif option.name in others:
+            found[option.name] = others.pop(option.name)
+    return kind(**found), others
 
 
 Count = Annotated[int, Meta(ge=1, le=MAX_SEED - 1)]

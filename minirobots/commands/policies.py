@@ -13,6 +13,7 @@ from agent.experiments.variants import Name
 from agent.mdp.config import ProcessConfig
 from agent.moves.worlds import RANGES, WorldRange
 from agent.study.axes import AXES, Axis
+from agent.study.options import Sampling
 from agent.training.settings import COMPARED, LearningConfig, MethodName, read_settings
 from cosim.base import command as opt
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
@@ -119,13 +120,14 @@ class Train(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(Command):
+class Evaluate(Sampling, Command):
     """Evaluate policies in the full co-simulation: motors, friction, noise, decisions every 2 s.
 
     Every start, or a sample drawn with the seed, gives one episode; rates have 95 % Wilson
     intervals, paths are compared with the policy's own on the grid. Every result is kept when the
     episode ends: the same command, or one that asks for more starts, resumes. Failures and a few
-    successes are recorded for the Rerun viewer.
+    successes are recorded for the Rerun viewer. With --claim the exit status is 1 unless every
+    policy is certified.
 
     With --grid every policy is evaluated on the grid instead, by the greedy episode from every
     combination of start cells. Up to 10 000 combinations nothing is sampled: scenarios 1a, 1b and 2
@@ -147,20 +149,12 @@ class Evaluate(Command):
     that start on one side 600); by default 50, or all where there are fewer. With --claim the
     maximum number of episodes, by default all starts; more than that begin again with the first
     start, each time with other noise."""
-    claim: str | None = None
-    """Claim to certify or refuse, such as 'collision < 1e-2': RATE < p or RATE > p with the rate of
-    collision, out_of_board, timeout, failure or success. The evaluation ends with the episode that
-    decides it; the exit status is 1 unless every policy is certified."""
-    confidence: Annotated[float | None, tyro.conf.arg(metavar="P")] = None
-    """Least probability that the verdict is right, by default 0.999."""
-    seed: opt.Seed = 0
     scenario: str | None = None
     """Scenario (a name, or a file) of methods and objects; files of any other one are refused."""
     out: opt.Folder = Path("runs/evaluate")
     """Folder of results and recordings; results of other configurations are kept apart in it."""
     recordings: opt.NotNegative = 3
     """Episodes of each policy to record: at most this number of failures and of successes."""
-    where: Where = THREADS
     physics: AsOptions = field(default_factory=SimulationOptions)
 
     def __post_init__(self) -> None:
@@ -186,19 +180,15 @@ class Evaluate(Command):
             paths = grid.policy_files(tuple(map(Path, policies)))
             exact = grid.report_of((str(path), load_policy(path)) for path in paths)
             return Output(exact, partial(grid.show, exact))
-        from agent.evaluation.claims import claim_of
         from agent.study.studies import evaluate, show_evaluation
 
         report = evaluate(
             policies,
             self.physics,
-            self.out,
-            seed=self.seed,
-            scenario=self.scenario,
+            self,
             starts=self.starts if self.starts in (None, "all") else int(self.starts),
-            claim=claim_of(self.claim, self.confidence),
+            scenario=self.scenario,
             recordings=self.recordings,
-            where=self.where,
             progress=progress,
         )
         recordings = [path for row in report.rows for path in row.recordings]

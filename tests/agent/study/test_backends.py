@@ -1,13 +1,14 @@
 """Commands on a Dask cluster of two workers give the rows that they give in threads."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
-from agent.evaluation.claims import claim_of
 from agent.mdp.config import ProcessConfig
+from agent.study.options import Sampling
 from agent.study.studies import evaluate, robustness, transfer
 from agent.study.user import study
 from agent.training.runs import Experiment, make_runs
@@ -45,14 +46,14 @@ def rows(name: str, out: Path, where: Workers, policy: Path) -> Any:
     out.parent.mkdir()
     board = out.parent / "near.toml"
     board.write_text(BOARD)
-    claim: Any = {"claim": claim_of("success > 0.5", 0.9), "starts": 9}
     physics, few = SimulationOptions(), {"methods": ("paper",), "where": where}
     rough: Any = {"scenario": str(board), "axes": ("nothing", "delay"), "episodes": 1}
     work: Any = {"out": out, "backend": where.backend, "address": where.address}
-    how: Any = {"recordings": 0, "where": where}
+    how = Sampling(out=out, where=where)
+    claimed = replace(how, claim="success > 0.5", confidence=0.9)
     found = {
-        "claim": lambda: evaluate([policy], physics, out, **how, **claim),
-        "evaluate": lambda: evaluate([policy], physics, out, **how),
+        "claim": lambda: evaluate([policy], physics, claimed, starts=9, recordings=0),
+        "evaluate": lambda: evaluate([policy], physics, how, recordings=0),
         "robustness": lambda: robustness(out, read_world(ROUGH), **few, **rough),
         "study": lambda: study(policy, noise=[0.0, 0.05], episodes=2, **work).rows,
         "training": lambda: training(out, where),

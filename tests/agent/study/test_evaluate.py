@@ -13,6 +13,7 @@ from pyarrow import parquet
 
 from agent.evaluation.cases import Case, Job
 from agent.evaluation.rows import measures
+from agent.study.options import Sampling
 from agent.study.report import Report
 from agent.study.store import FILE, EpisodeStore, export
 from agent.study.studies import evaluate
@@ -36,8 +37,9 @@ def case(near_policy, motor_fmu):
 
 
 def run(near_file, out, *, starts=None, recordings=0, jobs=1, **physics) -> Report:
-    how = {"starts": starts, "recordings": recordings, "where": Workers(jobs=jobs)}
-    return evaluate([near_file], SimulationOptions(**physics), out, **how)
+    how = Sampling(out=out, where=Workers(jobs=jobs))
+    physics = SimulationOptions(**physics)
+    return evaluate([near_file], physics, how, starts=starts, recordings=recordings)
 
 
 def rows(folder: Path) -> dict[int, str]:

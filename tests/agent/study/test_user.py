@@ -212,7 +212,7 @@ def test_a_file_has_nothing_of_the_command(tmp_path):
         (Stubborn(), {"scenario": NEAR, "out": 5}, "out = 5 is invalid"),
         (Stubborn(), {"scenario": NEAR, "jobs": "x"}, "jobs = 'x' is invalid"),
         (Stubborn(), {"scenario": NEAR, "backend": "x"}, "backend = 'x' is unknown"),
-        (Stubborn(), {"scenario": NEAR, "budget_minutes": -1}, "minutes = -1 is invalid"),
+        (Stubborn(), {"scenario": NEAR, "budget_minutes": -1}, "budget_minutes = -1 is invalid"),
         (
             Stubborn(),
             {"scenario": NEAR, "budget_minutes": np.nan},
