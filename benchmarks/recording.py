@@ -22,7 +22,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.recording.episode import EpisodeRecorder
-from cosim.recording.levels import DETAILS, Level
+from cosim.recording.series import DETAILS, Level
 from cosim.simulation.cosimulation import CoSimulation
 from fmus.build import cached_fmu
 from minirobots.options import CommandOptions, Count, Seconds

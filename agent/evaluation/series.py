@@ -20,7 +20,7 @@ from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.recording.episode import EpisodeRecorder
-from cosim.recording.levels import Level
+from cosim.recording.series import Level
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.simulate import draw_episode

@@ -17,7 +17,7 @@ from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
-from cosim.recording.policy_map import PolicyMap
+from cosim.recording.series import PolicyMap
 
 _GRID_STARTS = 50  # assumed: of evaluations on the grid, some 0.3 s each
 _KNOWN = 4096  # plans that are kept: policies are asked again before anything has changed

@@ -24,7 +24,7 @@ from agent.training.policy import PolicyConfig, read_policy
 from cosim.base.provenance import digest_of
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
-from cosim.recording.policy_map import PolicyMap
+from cosim.recording.series import PolicyMap
 
 
 def alone_maps(

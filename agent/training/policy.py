@@ -27,7 +27,7 @@ from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario, ScenarioError
 from cosim.onboard.features import DIRECTION_COUNT, Observation
-from cosim.recording.policy_map import PolicyMap
+from cosim.recording.series import PolicyMap
 
 SCHEMA_VERSION = 1
 

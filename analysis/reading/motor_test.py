@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.errors import UserError
-from cosim.recording.rrd import RecordingReadError, Signal, read_rrd
+from cosim.recording.reader import RecordingReadError, Signal, read_rrd
 
 LOOPS = ("open_loop", "closed_loop")
 

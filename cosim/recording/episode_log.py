@@ -13,8 +13,7 @@ from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import COLLISION
 from cosim.model.scenario import Scenario, touches_obstacle
-from cosim.recording.blueprint import robot_names
-from cosim.recording.file import Sink, simulated
+from cosim.recording.file import Kept, simulated
 from cosim.recording.series import (
     DIRECTION_NAMES,
     ENDED,
@@ -25,6 +24,7 @@ from cosim.recording.series import (
     ON_OBSTACLE,
     ON_TARGET,
     OUTCOME,
+    robot_names,
 )
 
 # Vibrating robots part and meet many times a second; that is one contact.
@@ -165,7 +165,7 @@ class EpisodeLog:
                 yield name, NOT_ARRIVED, f": target {100.0 * away_m:.1f} cm away"
 
 
-def write_lines(file: Sink, lines: list[Line]) -> None:
+def write_lines(file: Kept, lines: list[Line]) -> None:
     """Write lines to `/log`, and the states among them to their entities.
 
     Args:
@@ -186,7 +186,7 @@ def _times(lines: list[Line]) -> list[rr.TimeColumn]:
     return simulated(np.array([line.time_s for line in lines]), [line.rl_step for line in lines])
 
 
-def write_run_page(file: Sink, facts: dict[str, Any], config: CoSimConfig) -> None:
+def write_run_page(file: Kept, facts: dict[str, Any], config: CoSimConfig) -> None:
     """Write the page `/info/run`: what was run, with every parameter and its source."""
     lines = ["# Episode", "", "| | |", "|---|---|"]
     lines += [f"| {key} | {value} |" for key, value in facts.items()]

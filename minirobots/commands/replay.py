@@ -15,7 +15,7 @@ from cosim.base.progress import Progress
 from minirobots.options import File, IsolatedOptions
 
 if TYPE_CHECKING:
-    from cosim.recording.rrd import RecordingData
+    from cosim.recording.reader import RecordingData
 
 _NONE = (np.empty(0), np.empty(0))
 
@@ -80,8 +80,7 @@ def run(options: Replay, progress: Progress) -> Iterator[Comparison]:
     from cosim.coupling.rl_step import sampled_of
     from cosim.recording.episode import EpisodeRecorder
     from cosim.recording.file import Kept
-    from cosim.recording.reader import EPISODE
-    from cosim.recording.rrd import read_chunks, read_rrd
+    from cosim.recording.reader import EPISODE, read_chunks, read_rrd
     from cosim.simulation.episode import RunningEpisode
     from cosim.simulation.options import Physics
     from cosim.simulation.tasks import EpisodeOrigin, Task, recorder_of, simulate_tasks

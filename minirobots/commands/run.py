@@ -130,8 +130,8 @@ def run(options: Run, progress: Progress) -> Iterator[Any]:
     from agent.evaluation.series import Series
     from agent.training.recording import write_training
     from cosim.coupling.rl_step import sampled_of
-    from cosim.recording.levels import with_bursts
     from cosim.recording.live import find_viewer, spawn_viewer
+    from cosim.recording.series import with_bursts
     from cosim.simulation.ahead import compiling_ahead
     from cosim.simulation.batch import chosen_driver
     from cosim.simulation.tasks import compile_kernels

@@ -12,8 +12,15 @@ from analysis.reading.findings import find, intervals, sliding
 from cosim.base.storage import StorageError
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II, TIMING
-from cosim.recording.reader import DrivenMove, _moves, read_episode
-from cosim.recording.rrd import RecordingReadError, Signal, Texts, read_rrd
+from cosim.recording.reader import (
+    DrivenMove,
+    RecordingReadError,
+    Signal,
+    Texts,
+    _moves,
+    read_episode,
+    read_rrd,
+)
 
 
 @pytest.fixture(scope="module")

@@ -28,14 +28,10 @@ from cosim.onboard.features import Observation
 from cosim.onboard.steering import MODE_NAMES
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
-from cosim.recording.file import Kept, Recording, RecordingError, properties, scalars, simulated
-from cosim.recording.levels import DETAILS, with_bursts
-from cosim.recording.policy_map import PolicyMap
-from cosim.recording.reader import read_episode
-from cosim.recording.rrd import RecordingReadError, read_rrd
+from cosim.recording.file import Kept, Recording, RecordingError, scalars, simulated
+from cosim.recording.reader import RecordingReadError, read_chunks, read_episode, read_rrd
 from cosim.recording.scene import ROBOT_COLOURS, ink_on, map_colours, robot_colour, shades
-from cosim.recording.series import OUTCOME
-from cosim.recording.stretch import Stretch
+from cosim.recording.series import DETAILS, OUTCOME, PolicyMap, Stretch, with_bursts
 from cosim.simulation.cosimulation import CoSimulation
 from cosim.simulation.options import DecisionOptions
 
@@ -294,7 +290,10 @@ from pathlib import Path
 import numpy as np
 from cosim.recording.blueprint import episode_blueprint
 from cosim.base.errors import run_command
+from cosim.recording import file as recording
 from cosim.recording.file import Recording, scalars, simulated
+
+recording.FLUSH_TIMEOUT_S = 3.0
 
 def record(name, rows, limit):
     path = Path(sys.argv[1]) / name
@@ -325,10 +324,9 @@ def said_of_full_disk(done, folder):
     """The file that a command names in its one line, which ended on a full disk."""
     part = folder / "a.rrd.part"
     assert done.returncode == 2, done.stderr
-    assert done.stderr == (
-        f"error: the recording {part} could not be written out (File too large); free some disk "
-        "space; it and other .part files next to it can be read\n"
-    )
+    assert "File too large" in done.stderr  # what Rerun says of it
+    assert done.stderr.count("error: ") == 1
+    assert f"error: the recording {part} could not be written out (" in done.stderr
     return part
 
 
@@ -350,11 +348,14 @@ from pathlib import Path
 import numpy as np
 from cosim.base.errors import run_command
 from cosim.model.config import CoSimConfig
+from cosim.recording import file as recording
 from cosim.recording.episode import EpisodeRecorder
-from cosim.recording.levels import with_bursts
+from cosim.recording.series import with_bursts
 from cosim.simulation.cosimulation import CoSimulation
 from fmus.build import cached_fmu
 from tests.cosim.recording.test_recording import NORTH, SCENARIO, SOUTH
+
+recording.FLUSH_TIMEOUT_S = 3.0
 
 def record():
     system = CoSimulation(SCENARIO, cached_fmu(), with_bursts(CoSimConfig(), "default"))
@@ -470,12 +471,9 @@ def test_run_page_lists_every_parameter_with_its_source(recorded):
 
 
 def test_properties_keep_numbers_and_write_the_rest_as_json():
-    batches = properties({"seed": 3, "starts": ((1, 2),)}).as_component_batches()
-    values = {batch.component_descriptor().component: batch.as_arrow_array() for batch in batches}
-    assert {name: value.to_pylist() for name, value in values.items()} == {
-        "seed": [3],
-        "starts": ["[[1, 2]]"],
-    }
+    kept = Kept()
+    kept.properties("of", {"seed": 3, "starts": ((1, 2),)})
+    assert read_chunks(kept.chunks, "").properties["of"] == {"seed": 3, "starts": "[[1, 2]]"}
 
 
 def test_modes_of_the_steering_and_the_outcome_are_states_by_name(recorded):
