@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.base.arguments import taken, taken_seed
+from cosim.base.arguments import validate_argument, validate_seed
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.model.scenario import Scenario
@@ -75,8 +75,8 @@ def train(
     from cosim.simulation.ahead import compiling_ahead  # noqa: PLC0415 - numba is slow to import
 
     motors = {
-        "motor_fmu": taken("motor_fmu", motor_fmu, Path | None),
-        "motor_parameters": taken(
+        "motor_fmu": validate_argument("motor_fmu", motor_fmu, Path | None),
+        "motor_parameters": validate_argument(
             "motor_parameters", motor_parameters, tuple[tuple[str, float], ...]
         ),
     }
@@ -84,8 +84,8 @@ def train(
     with compiling_ahead(board.robots):  # most policies are simulated next
         from agent.method import COMPUTED, ON_MOVES, best_method, method_policy  # noqa: PLC0415
 
-        method = taken("method", method, str | None)
-        method, seed = best_method(board) if method is None else method, taken_seed(seed)
+        method = validate_argument("method", method, str | None)
+        method, seed = best_method(board) if method is None else method, validate_seed(seed)
         if seed and method in COMPUTED:
             raise UserError(
                 f"seed = {seed} has no effect: method {method} is computed; leave it out, or "
@@ -102,10 +102,10 @@ def train(
             method,
             board,
             seed,
-            episodes=taken("episodes", episodes, int | None),
+            episodes=validate_argument("episodes", episodes, int | None),
             **motors,
             worlds=worlds,
-            again=taken("again", again, bool),
+            again=validate_argument("again", again, bool),
             progress=progress or silent,
         )
     return policy
@@ -124,12 +124,12 @@ def load(path: str | Path, scenario: str | Path | Scenario | None = None) -> "Gr
         scenario: name, file or record; if given, only a policy trained on it is accepted.
 
     Raises:
-        PolicyError: there is no such file, it is no policy, or one of another scenario.
+        UserError: there is no such file, it is no policy, or one of another scenario.
     """
     from agent.policies import load_policy  # noqa: PLC0415 - numba is slow to import
 
     only = None if scenario is None else find_scenario(scenario)
-    return load_policy(taken("path", path, Path), only)
+    return load_policy(validate_argument("path", path, Path), only)
 
 
 def __getattr__(name: str) -> Any:

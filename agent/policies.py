@@ -21,7 +21,7 @@ def load_policy(
         scenario: in which it must have been trained.
 
     Raises:
-        PolicyError: no such file, not a policy, another schema, or another scenario.
+        UserError: no such file, not a policy, another schema, or another scenario.
     """
     config, *_ = read_policy(path, ())
     policy = policy_kind(config.objective, config.scenario.robots).load(path)

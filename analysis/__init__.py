@@ -27,9 +27,9 @@ def open(path: "Path | str") -> "Episode":  # noqa: A001 - to be called as analy
         `components`.
 
     Raises:
-        RecordingReadError: the file does not exist, cannot be read, or holds no episode.
+        FileError: the file does not exist, cannot be read, or holds no episode.
     """
-    from cosim.base.arguments import taken  # noqa: PLC0415
+    from cosim.base.arguments import validate_argument  # noqa: PLC0415
     from cosim.recording.reader import read_episode  # noqa: PLC0415 - rerun is slow to import
 
-    return read_episode(taken("path", path, Path))
+    return read_episode(validate_argument("path", path, Path))

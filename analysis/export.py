@@ -36,10 +36,6 @@ _SCHEMA = pa.schema(
 _PLAIN = pa.schema({f.name: pa.string() if f.type == _NAME else f.type for f in _SCHEMA})
 
 
-class ExportError(UserError):
-    """Empty selection or invalid rate. The message names the reason."""
-
-
 def chosen(episode: Episode, names: Sequence[str] = (), rate_hz: float | None = None) -> Episode:
     """Return an episode with some of its signals and states.
 
@@ -51,16 +47,16 @@ def chosen(episode: Episode, names: Sequence[str] = (), rate_hz: float | None = 
             default. States stay.
 
     Raises:
-        ExportError: the rate is not positive, or the recording has nothing of a name.
+        UserError: the rate is not positive, or the recording has nothing of a name.
     """
     if rate_hz is not None and not 0.0 < rate_hz < 1e9:
-        raise ExportError(f"--rate {rate_hz:g} is invalid; give samples per second above 0")
+        raise UserError(f"--rate {rate_hz:g} is invalid; give samples per second above 0")
     paths = [*episode.signals, *episode.texts]
     kept = set() if names else {*paths}
     for name in names:
         found = {path for path in paths if any(fnmatchcase(path, p + name) for p in PREFIXES)}
         if not found:
-            raise ExportError(
+            raise UserError(
                 f"--signals {name}: {episode.origin} has no such signal or state; "
                 "`minirobots inspect` lists them"
             )

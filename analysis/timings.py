@@ -35,10 +35,6 @@ PRODUCERS = (
 )
 
 
-class TimingsError(UserError):
-    """Timings that are damaged, or those of another reproduction."""
-
-
 class Stage(msgspec.Struct, frozen=True):
     """A stage of a reproduction.
 
@@ -77,10 +73,10 @@ def read_timings(results: Path) -> TimingsFile | None:
     """Timings of a results folder; None if `minirobots reproduce` did not make it.
 
     Raises:
-        TimingsError: the file is damaged.
+        UserError: the file is damaged.
     """
     path = results / FILE
-    kind = Kind("result", "make it again", TimingsError)
+    kind = Kind("result", "make it again")
     return read_json(path, kind, TimingsFile) if path.exists() else None
 
 
@@ -99,7 +95,7 @@ class Timings:
         seed: of everything random in it.
 
     Raises:
-        TimingsError: the folder has the results of another profile or seed, or damaged timings.
+        UserError: the folder has the results of another profile or seed, or damaged timings.
     """
 
     def __init__(self, results: Path, profile: Profile, seed: int) -> None:
@@ -107,7 +103,7 @@ class Timings:
         # As it is read back: JSON knows no tuples.
         asked = msgspec.json.decode(msgspec.json.encode(profile))
         if found is not None and (found.profile, found.seed) != (asked, seed):
-            raise TimingsError(
+            raise UserError(
                 f"{results}: has the results of profile {found.profile.get('name')}, seed "
                 f"{found.seed}, perhaps of another version; give the options it was started "
                 "with or choose another --out"

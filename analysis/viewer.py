@@ -26,10 +26,6 @@ SETTLE_PERIOD_S = 1.0
 SETTLE_TRIES = 30
 
 
-class ViewerError(UserError):
-    """The viewer could not be started or did not load the recording."""
-
-
 @dataclass(frozen=True)
 class ViewerReport:
     """The viewer's report on a recording.
@@ -65,16 +61,16 @@ def screenshot(
         visit_tabs: whether every tab is drawn before, for a report on all views.
 
     Raises:
-        ViewerError: the recording does not exist or has no such tab, or the viewer does not start
+        UserError: the recording does not exist or has no such tab, or the viewer does not start
             or load it.
     """
-    require_file(recording, Kind("recording", "name an .rrd file", ViewerError))
+    require_file(recording, Kind("recording", "name an .rrd file"))
     with _headless() as viewer:
         began = time.monotonic()
         viewer.open(str(recording.resolve()))
         while viewer.get_state().loading:
             if time.monotonic() - began > LOAD_TIMEOUT_S:
-                raise ViewerError(f"the viewer did not load {recording} in {LOAD_TIMEOUT_S:.0f} s")
+                raise UserError(f"the viewer did not load {recording} in {LOAD_TIMEOUT_S:.0f} s")
             time.sleep(0.05)
         load_s = time.monotonic() - began
         if time_s is not None:
@@ -108,7 +104,7 @@ def _headless() -> Iterator[ViewerClient]:
     """Start a viewer that draws to memory, and end it; its log is kept from the terminal.
 
     Raises:
-        ViewerError: it does not start, or ends before its time.
+        UserError: it does not start, or ends before its time.
     """
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -128,7 +124,7 @@ def _headless() -> Iterator[ViewerClient]:
         with viewer:
             yield viewer
     except (ConnectionError, RuntimeError) as error:  # as rerun raises them, whatever the cause
-        raise ViewerError(
+        raise UserError(
             f"the Rerun viewer does not draw ({error}); install software Vulkan, on Debian "
             "`apt install mesa-vulkan-drivers libvulkan1 libegl1`"
         ) from error
@@ -158,7 +154,7 @@ def _show_tab(
     viewer: ViewerClient, blueprint: dict[str, Any], names: dict[str, tuple[str, str]], name: str
 ) -> None:
     if name not in names:
-        raise ViewerError(f"the recording has no tab '{name}'; it has {', '.join(names) or 'none'}")
+        raise UserError(f"the recording has no tab '{name}'; it has {', '.join(names) or 'none'}")
     path, part = names[name]
     blueprint[path]["ContainerBlueprint"]["active_tab"] = part
     for outer, inner in names.values():  # of tabs within a tab, that one too

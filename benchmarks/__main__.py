@@ -9,10 +9,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from cosim.base.command import parse, print_json
 from cosim.base.errors import USER_ERROR_STATUS, run_command
 from cosim.base.progress import progress_bars, under_way
-from cosim.base.table import known, show_texts
+from cosim.base.table import format_value, show_texts
+from minirobots.runner import parse, print_json
 
 ROOT = Path(__file__).parent
 
@@ -30,11 +30,11 @@ def main() -> None:
         sys.exit(0 if name in {"-h", "--help"} else USER_ERROR_STATUS)
     module = import_module(f"benchmarks.{known[name].stem}")
     module.Options.__doc__ = module.__doc__
-    options = parse(module.Options, f"python -m benchmarks {name}", rest)
+    line = parse(module.Options, f"python -m benchmarks {name}", rest)
     with progress_bars() as progress, under_way(progress, f"benchmark {name}"):
-        found = module.measure(options)
+        found = module.measure(line.options)
     _show(found)
-    if options.json:
+    if line.json:
         print_json(found)
 
 
@@ -64,7 +64,7 @@ def _text(value: Any) -> str:
         return " ".join(map(_text, value))
     if isinstance(value, dict):
         return ", ".join(f"{name} {_text(part)}" for name, part in value.items())
-    return known(value, "{:,.4g}" if isinstance(value, float) else "{}")
+    return format_value(value, "{:,.4g}" if isinstance(value, float) else "{}")
 
 
 if __name__ == "__main__":

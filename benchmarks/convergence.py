@@ -5,15 +5,16 @@ step with the usual contact sweeps, and for the middle one with contacts solved 
 """
 
 import math
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Annotated, Any
 
 import tyro
 
+from cosim.base.command import Checked, Seconds
 from cosim.base.errors import UserError
 from cosim.model.params import TABLE_I, TABLE_II
-from minirobots.options import CommandOptions, Seconds
 from tests.references.prescribed import Drive, MeanMotion, mean_motion
 
 QUARTER, HALF = math.pi / 2.0, math.pi
@@ -32,7 +33,8 @@ _AVERAGES = ("forward_m_s", "lateral_m_s", "yaw_rate_rad_s")
 SOLVED_OUT = 1e-6  # tolerance of contacts iterated until they no longer change
 
 
-class Options(CommandOptions):
+@dataclass(frozen=True, kw_only=True)
+class Options(Checked):
     dt: Annotated[tuple[float, ...], tyro.conf.arg(metavar="S")] = (2e-5, 1e-5, 5e-6)
     """Time steps in s, coarse to fine."""
     settle: Seconds = 0.5

@@ -7,6 +7,7 @@ own, is timed by the wall clock. docs/performance.md explains what bounds the fi
 
 import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from benchmarks.recording import overheads
 from benchmarks.timing import best_s
+from cosim.base.command import Checked, Count
 from cosim.base.jit import kernel
 from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import Addresses, MotorFmu
@@ -26,7 +28,6 @@ from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
 from cosim.simulation.batch import ROBOTS_TOGETHER, Batch
 from fmus.build import cached_fmu
-from minirobots.options import CommandOptions, Count
 from tests.references.mjcf import robots_mjcf
 from tests.references.prescribed import Drive, Rig, drive_wrench, rig, trace_body
 
@@ -35,7 +36,8 @@ NORTH = 2
 SHORT_S = 0.5  # simulated time of a round: short and many, so that some meet an idle machine
 
 
-class Options(CommandOptions):
+@dataclass(frozen=True, kw_only=True)
+class Options(Checked):
     rounds: Count = 40
     """Rounds of every measurement; the best counts."""
     lanes: Literal[1, 2, 4, 8] | None = None

@@ -7,6 +7,7 @@ thread. Steps of agents that have ended, and those with which a board begins aga
 # pyright: reportMissingImports=false
 
 import time
+from dataclasses import dataclass
 from functools import partial
 
 import gymnasium as gym
@@ -14,9 +15,9 @@ import numpy as np
 
 import agent.envs
 from agent.envs.parallel import NavigationParallelEnv
+from cosim.base.command import Checked, Count
 from cosim.model.outcome import RUNNING
 from cosim.onboard.features import DIRECTION_COUNT
-from minirobots.options import CommandOptions, Count
 
 STEPS = 200  # of every board, in each repeat
 PARALLEL_BOARDS = 20  # that PettingZoo's environment takes one after the other
@@ -29,7 +30,8 @@ DYNAMICS = {
 }
 
 
-class Options(CommandOptions):
+@dataclass(frozen=True, kw_only=True)
+class Options(Checked):
     scenario: str = "2"
     """Scenario, of any number of robots."""
     boards: Count = 4096

@@ -6,23 +6,24 @@ that they are known to do the same work; only the built-in FMU has an inlined tw
 """
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
 from benchmarks.timing import best_s
-from cosim.base.command import MotorFmuFile
+from cosim.base.command import Checked, Count, MotorFmuFile
 from cosim.base.jit import kernel
 from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import Addresses, MotorFmu
 from cosim.fmi.abi import exchange_3
 from cosim.model.params import FIG_7, TABLE_II, TIMING, MotorParams
 from fmus.build import cached_fmu
-from minirobots.options import CommandOptions, Count
 
 INPUT, OUTPUTS = "omega_noise", ("theta", "omega")
 
 
-class Options(CommandOptions):
+@dataclass(frozen=True, kw_only=True)
+class Options(Checked):
     motor_fmu: MotorFmuFile = None
     exchanges: Count = 20_000
     """Exchanges per round and compiled driver; fmpy makes a fiftieth of them."""

@@ -8,6 +8,7 @@ software Vulkan, from asking it to open the file until it has loaded.
 
 import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -15,8 +16,10 @@ from typing import Any, Literal
 import numpy as np
 from rerun.chunk import RrdReader
 
-from analysis.viewer import ViewerError, screenshot
+from analysis.viewer import screenshot
 from benchmarks.timing import times_s
+from cosim.base.command import Checked, Count, Seconds
+from cosim.base.errors import UserError
 from cosim.coupling.rl_step import Decision, Step
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
@@ -25,14 +28,14 @@ from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.series import DETAILS, Level
 from cosim.simulation.cosimulation import CoSimulation
 from fmus.build import cached_fmu
-from minirobots.options import CommandOptions, Count, Seconds
 
 NORTH, SOUTH = 2, 6
 NOTHING = np.full((2, 3), np.nan)
 SCENARIO = Scenario("pair", "", ((7, 27), (22, 27)), (((7, 2),), ((22, 2),)))
 
 
-class Options(CommandOptions):
+@dataclass(frozen=True, kw_only=True)
+class Options(Checked):
     levels: tuple[Literal["summary", "default", "full"], ...] = ("summary", "default", "full")
     """Levels to measure."""
     rounds: Count = 7
@@ -119,5 +122,5 @@ def measure(options: Options) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         try:
             return {level: measure_level(level, options, Path(folder)) for level in options.levels}
-        except ViewerError as error:
-            raise ViewerError(f"{error}; or measure without it: --no-viewer") from error
+        except UserError as error:
+            raise UserError(f"{error}; or measure without it: --no-viewer") from error

@@ -6,17 +6,18 @@ floor; NaN where no trial was so fast or slow.
 """
 
 import math
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from cosim.base.command import Checked, Jobs
 from cosim.calibration.cache import find_calibration
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING
 from cosim.model.world import World
 from fmus.build import cached_fmu
-from minirobots.options import CommandOptions, Jobs
 
 RESTITUTIONS = (0.0, 0.1, 0.2, 0.3, 0.5)
 ROBOTS = {
@@ -26,7 +27,8 @@ ROBOTS = {
 }
 
 
-class Options(CommandOptions):
+@dataclass(frozen=True, kw_only=True)
+class Options(Checked):
     jobs: Jobs = 2
 
 

@@ -7,23 +7,25 @@ itself; some go without feedback.
 """
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from cosim.base.command import Checked, Count
 from cosim.base.errors import UserError
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING, TABLE_I
 from cosim.model.world import World
 from fmus.build import cached_fmu
-from minirobots.options import CommandOptions, Count
 from tests.references.lines import Runs, drive_line
 
 LINE_M, CELL_M = 0.2, 0.01
 
 
-class Options(CommandOptions):
+@dataclass(frozen=True, kw_only=True)
+class Options(Checked):
     seeds: Count = 20
     """Robots of every case; each has noise of its own."""
     mu: float = TABLE_I.mu

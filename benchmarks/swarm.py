@@ -6,16 +6,18 @@ counts. docs/performance.md explains what bounds the figures.
 """
 
 import tracemalloc
+from dataclasses import dataclass
 
 from benchmarks.cosim_step import SHORT_S, driving
 from benchmarks.timing import best_s
+from cosim.base.command import Checked, Count
 from cosim.model.params import TIMING
-from minirobots.options import CommandOptions, Count
 
 NUMBERS = (2, 16, 64, 256, 1024)
 
 
-class Options(CommandOptions):
+@dataclass(frozen=True, kw_only=True)
+class Options(Checked):
     rounds: Count = 8
     """Rounds of every measurement; the best counts."""
 

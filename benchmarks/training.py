@@ -6,6 +6,7 @@ that ratios hold on a busy machine; only `--all` is wall-clock time.
 
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import gymnasium as gym
@@ -19,10 +20,10 @@ from agent.training.qlearning import advance
 from agent.training.runs import Experiment, train_runs
 from agent.training.settings import LearningConfig
 from benchmarks.timing import best_s
+from cosim.base.command import Checked, Count
 from cosim.base.jobs import Workers
 from cosim.model.built_in import PAPER
 from cosim.model.scenario_file import find_scenario
-from minirobots.options import CommandOptions, Count
 from tests.references.qlearning_c import build_reference, reference_state, train_reference
 
 PAPER_S = 600.0  # "execution time about 10 min", Section V
@@ -30,7 +31,8 @@ GYMNASIUM_STEPS = 50_000
 SECTION_V = LearningConfig()
 
 
-class Options(CommandOptions):
+@dataclass(frozen=True, kw_only=True)
+class Options(Checked):
     repeats: Count = 3
     """Timed trainings of each kind; the fastest counts."""
     all: bool = False

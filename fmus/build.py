@@ -12,18 +12,12 @@ import uuid
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached
 from fmus.archive import binaries, write_archive
-from fmus.compiler import (
-    FLAGS,
-    BuildError,
-    compile_library,
-    compiler_version,
-    host_target,
-    source_files,
-)
+from fmus.compiler import FLAGS, compile_library, compiler_version, host_target, source_files
 from fmus.description import (
     license_text,
     read_origin,
@@ -35,7 +29,7 @@ from fmus.description import (
 from fmus.models import MODELS, ROOT, Fmi, Model, folders
 from fmus.variables import Table, load_table, render_header
 
-__all__ = ["BuildError", "build_fmu", "build_fmus", "cached_fmu"]
+__all__ = ["UserError", "build_fmu", "build_fmus", "cached_fmu"]
 
 CARRIED = Path("fmus/built")  # folder of FMUs in a wheel
 _CARRIED = ROOT.parent / CARRIED
@@ -56,7 +50,7 @@ def build_fmu(
         Path of the FMU; the file appears whole or not at all.
 
     Raises:
-        BuildError: no compiler was found, or it failed.
+        UserError: no compiler was found, or it failed.
         OSError: the folder cannot be written.
     """
     return build_fmus({"3": out_dir / f"{model}.fmu"}, targets or [host_target()], model=model)[0]
@@ -80,7 +74,7 @@ def build_fmus(
         The paths, in the same order; each file appears whole or not at all.
 
     Raises:
-        BuildError: no compiler was found, it failed, or it cannot build for a target.
+        UserError: no compiler was found, it failed, or it cannot build for a target.
         OSError: a folder cannot be written.
     """
     table = load_table(model)
@@ -116,7 +110,7 @@ def cached_fmu(model: Model = "VibrationMotors") -> Path:
         model: what the FMU is of; the co-simulation uses the array of motors.
 
     Raises:
-        BuildError: no compiler was found, or it failed.
+        UserError: no compiler was found, or it failed.
         OSError: the cache cannot be written.
     """
     path = _place(model)

@@ -34,10 +34,6 @@ FLAGS = ("-std=c11", "-O3", "-g0", "-s", "-shared", "-fPIC", "-fvisibility=hidde
          *(f"-D{name}=1" for name in PLAIN_NAMES.values()))  # fmt: skip
 
 
-class BuildError(UserError):
-    """The FMU cannot be built here; the message says what is missing or went wrong."""
-
-
 class Target(NamedTuple):
     """A platform to build for.
 
@@ -65,13 +61,13 @@ def host_target() -> str:
     """Platform tuple of this machine.
 
     Raises:
-        BuildError: the FMU has no target for this machine.
+        UserError: the FMU has no target for this machine.
     """
     machine = platform.machine().lower()
     architecture = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
     system = {"win32": "windows"}.get(sys.platform, sys.platform)
     if (name := f"{architecture}-{system}") not in TARGETS:
-        raise BuildError(f"no FMU target for {name}; use a machine of {', '.join(TARGETS)}")
+        raise UserError(f"no FMU target for {name}; use a machine of {', '.join(TARGETS)}")
     return name
 
 
@@ -79,13 +75,13 @@ def compiler_command() -> list[str]:
     """Command of the C compiler: ziglang, or the system's cc where ziglang is missing.
 
     Raises:
-        BuildError: there is neither.
+        UserError: there is neither.
     """
     if importlib.util.find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc"]
     if cc := shutil.which("cc"):
         return [cc]
-    raise BuildError("no C compiler found; install ziglang (pip install ziglang) or a system cc")
+    raise UserError("no C compiler found; install ziglang (pip install ziglang) or a system cc")
 
 
 @functools.cache
@@ -103,11 +99,11 @@ def fmi_headers() -> Path:
     """Folder with the header files of the FMI standards, which fmpy ships.
 
     Raises:
-        BuildError: fmpy is not installed.
+        UserError: fmpy is not installed.
     """
     spec = importlib.util.find_spec("fmpy")
     if spec is None or spec.origin is None:
-        raise BuildError("the FMI header files are missing; install fmpy (pip install fmpy)")
+        raise UserError("the FMI header files are missing; install fmpy (pip install fmpy)")
     return Path(spec.origin).parent / "c-code"
 
 
@@ -147,13 +143,13 @@ def compile_library(model: Model, header: str, target: str) -> bytes:
         The library's bytes, the same at every build with the same compiler.
 
     Raises:
-        BuildError: no compiler was found, or it failed.
+        UserError: no compiler was found, or it failed.
     """
     command = compiler_command()
     if "ziglang" in command:
         command += ["-target", TARGETS[target].triple]
     elif target != host_target():
-        raise BuildError(f"cc builds for this machine only; install ziglang to build for {target}")
+        raise UserError(f"cc builds for this machine only; install ziglang to build for {target}")
     with temporary_folder() as folder:
         work = Path(folder)
         for fmi in STANDARDS[model]:
@@ -174,7 +170,7 @@ def run_compiler(command: Sequence[str], work: Path, purpose: str) -> None:
         purpose: what is compiled, for the message.
 
     Raises:
-        BuildError: the compiler failed.
+        UserError: the compiler failed.
     """
     run = subprocess.run(
         command,
@@ -185,4 +181,4 @@ def run_compiler(command: Sequence[str], work: Path, purpose: str) -> None:
         check=False,
     )
     if run.returncode:
-        raise BuildError(f"the C compiler failed for {purpose}: {run.stderr.strip()}")
+        raise UserError(f"the C compiler failed for {purpose}: {run.stderr.strip()}")

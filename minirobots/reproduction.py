@@ -18,7 +18,7 @@ from cosim.base.jobs import Workers
 from cosim.base.progress import Progress, silent
 from cosim.model.built_in import PAPER
 from cosim.simulation.options import SimulationOptions
-from minirobots.runner import begin, module_of, options_of
+from minirobots.runner import module_of
 
 
 def reproduce(
@@ -46,8 +46,7 @@ def reproduce(
         with timings.stage(result.name):
             command = module_of(result.maker)
             settings = _settings(result, profile, seed, jobs)
-            options = options_of(command)(out=result.location(results), **settings)
-            next(begin(command, options, progress))
+            command.run(command.Options(out=result.location(results), **settings), progress)
         say(f"{label}: {timings.seconds(result.name):.1f} s")
     with timings.stage("figures"):
         _draw(out, progress, say)

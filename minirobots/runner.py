@@ -1,30 +1,169 @@
-"""Runs a command of `minirobots.commands`: what the modules there have in common."""
+"""What all commands of `minirobots` have in common: options, output, exit status."""
 
+import contextlib
+import inspect
+import io
+import json
 import re
 import sys
-from collections.abc import Iterator
-from importlib import import_module
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+from datetime import datetime
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from typing import Annotated, Any, Generic, Self, TypeVar
 
-from cosim.base.command import parse, print_json
-from cosim.base.errors import run_command
+import msgspec
+import tyro
+
+from cosim.base.command import Checked
+from cosim.base.errors import UserError, run_command
 from cosim.base.progress import Progress, progress_bars
+from cosim.base.storage import lock_folder, new_folder
 from cosim.fmi.isolation import isolate
-from minirobots.options import CommandOptions, IsolatedOptions
+from minirobots.commands import class_of
 
 FAILED_STATUS = 1
+RESUMES = "results so far are in {out}/; the same command continues"
+Options = TypeVar("Options")
 
 
-def module_of(name: str) -> ModuleType:
-    """Return the module of a command."""
-    return import_module(f"minirobots.commands.{name.replace('-', '_')}")
+class Output:
+    """What a command gives.
+
+    Args:
+        result: what `--json` prints, as an object.
+        parts: what is printed for people: lines, and functions that print tables; by default the
+            entries of the result.
+        failed: whether the exit status is 1.
+    """
+
+    def __init__(
+        self, result: Any, *parts: str | Callable[[], object], failed: bool = False
+    ) -> None:
+        self.result, self.parts, self.failed = result, parts or (*_entries(result),), failed
+
+    def show(self) -> None:
+        """Print the parts."""
+        for part in self.parts:
+            if isinstance(part, str):
+                print(part)
+            else:
+                part()
 
 
-def options_of(module: ModuleType) -> type[Any]:
-    """Return the class of a command's options, which its function `run` names."""
-    return module.run.__annotations__["options"]
+def _entries(result: dict[str, Any]) -> Iterator[str]:
+    for name, value in result.items():
+        words = ", ".join(map(str, value)) if isinstance(value, list) else value
+        yield f"{name.replace('_', ' ')}: {words}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command(Checked, ABC):
+    """Base of commands: fields are options, docstrings are the help.
+
+    Attributes:
+        kept: what is printed after Ctrl-C.
+    """
+
+    kept = ""
+
+    @classmethod
+    def defaults(cls, _arguments: list[str]) -> Self | None:
+        """Return options that the command line changes, where they are not the class's own."""
+        return None
+
+    @abstractmethod
+    def run(self, progress: Progress) -> Output:
+        """Do the work; `progress` receives what takes long."""
+
+    def interrupted(self) -> str:
+        """Return what is printed after Ctrl-C."""
+        return self.kept.format(**vars(self))
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[Self]:
+        """Yield the command with an output folder that no other run may write to meanwhile.
+
+        A new one is made if `subject` names what it is of, and removed if it stays empty.
+        """
+        subject, given = self.subject(), getattr(self, "out", None)
+        if not subject:
+            yield self
+            return
+        new = given is None or not given.exists()
+        out = given or new_folder(Path("runs") / f"{subject}-{datetime.now():%Y%m%d-%H%M%S}")
+        try:
+            with lock_folder(out):
+                yield replace(self, out=out)
+        finally:
+            if new:
+                with contextlib.suppress(OSError):
+                    out.rmdir()
+
+    def subject(self) -> str:
+        """Return the beginning of a new output folder's name; nothing if there is none."""
+        return ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line(Generic[Options]):
+    """A command line: a record of options, and what every command has."""
+
+    options: Annotated[Options, tyro.conf.arg(name="")]
+    json: bool = False
+    """Print a JSON object as the last line of output."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsolatedLine(Line[Options]):
+    """The command line of a command that loads FMUs, which may be foreign ones."""
+
+    isolate: bool = False
+    """Run in a process of its own, so that an FMU that crashes ends the command with an error that
+    names it. Use it for FMUs that you do not know well."""
+
+
+def line_of(options: Any) -> Any:
+    """Return the type of a command line with a record of options."""
+    with_fmu = {"motor_fmu", "physics"} & {field.name for field in fields(options)}
+    return IsolatedLine[options] if with_fmu else Line[options]
+
+
+def parse(
+    kind: type[Options],
+    program: str,
+    arguments: list[str] | None = None,
+    default: Options | None = None,
+) -> Line[Options]:
+    """Return the options of a command line.
+
+    Args:
+        kind: record of options; its docstrings are the help.
+        program: with which the usage begins, such as "minirobots run".
+        arguments: of the command line, by default those of the process.
+        default: what the command line changes, instead of the record's own defaults.
+    """
+    line, text = line_of(kind), io.StringIO()
+    try:
+        with contextlib.redirect_stderr(text):
+            return tyro.cli(
+                line,
+                prog=program,
+                description=inspect.getdoc(kind),
+                args=arguments,
+                default=None if default is None else line(options=default),
+                config=(tyro.conf.FlagCreatePairsOff,),
+            )
+    except SystemExit as end:
+        # tyro takes a ConfigError, as every ValueError, for its own
+        error: BaseException | None = end
+        while error is not None and not isinstance(error, UserError):
+            error = error.__context__
+        if error is not None:
+            raise error from None
+        sys.stderr.write(text.getvalue())
+        raise
 
 
 def run_named(name: str) -> None:
@@ -35,52 +174,37 @@ def run_named(name: str) -> None:
 def execute(name: str) -> None:
     """Parse the arguments of this process, do the work, print what came of it.
 
-    Args:
-        name: of the command.
-
     Raises:
         SystemExit: the command failed in its own terms, or a child process has done the work.
     """
-    command = module_of(name)
-    kind, arguments = options_of(command), sys.argv[1:]
+    kind, arguments = class_of(name), sys.argv[1:]
     try:
-        options: CommandOptions = parse(
-            kind, f"minirobots {name}", arguments, kind.defaults(arguments)
-        )
+        line = parse(kind, f"minirobots {name}", arguments, kind.defaults(arguments))
     except SystemExit as end:
         if not end.code and (examples := _examples(name)):  # after --help
             print("\nexamples:", *examples, sep="\n  ")
         raise
-    if isinstance(options, IsolatedOptions) and options.isolate:
-        isolate(f"minirobots {name}", options.foreign)
-    with options.alone():
+    if isinstance(line, IsolatedLine) and line.isolate:
+        isolate(f"minirobots {name}", getattr(line.options, "physics", line.options).motor_fmu)
+    with line.options.alone() as command:
         try:
             with progress_bars() as progress:
-                result = next(printing := begin(command, options, progress))
+                output = command.run(progress)
         except KeyboardInterrupt:
-            if said := options.interrupted():
-                print(said, file=sys.stderr)
+            if text := command.interrupted():
+                print(text, file=sys.stderr)
             raise
-        for _ in printing:
-            pass
-        if options.json:
-            print_json(result)
-    if hasattr(command, "failed") and command.failed(result):
+        output.show()
+    if line.json:
+        print_json(output.result)
+    if output.failed:
         sys.exit(FAILED_STATUS)
 
 
-def begin(command: ModuleType, options: CommandOptions, progress: Progress) -> Iterator[Any]:
-    """Return an iterator that does a command's work, yields its result, and then prints it."""
-    result = command.run(options, progress)
-    return _printed(result) if isinstance(result, dict) else result
-
-
-def _printed(result: dict[str, Any]) -> Iterator[Any]:
-    """Yield what a command returned, then print it."""
-    yield result
-    for name, value in result.items():
-        words = ", ".join(map(str, value)) if isinstance(value, list) else value
-        print(f"{name.replace('_', ' ')}: {words}")
+def print_json(content: Any) -> None:
+    """Print what `--json` promises: one object on one line, in ASCII for any terminal."""
+    text = msgspec.json.encode(content).decode()
+    print(re.sub("[^\0-\x7f]+", lambda found: json.dumps(found[0])[1:-1], text))
 
 
 def _examples(name: str) -> list[str]:

@@ -11,20 +11,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from minirobots.commands.run import Run, run
 
 import agent
 import analysis
 import cosim
 import minirobots as mr
-from agent.training.policy import PolicyError
+from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from cosim.base.progress import silent
-from cosim.model.config import ConfigError, CoSimConfig
-from cosim.model.scenario import ScenarioError
-from cosim.model.world import WorldError
+from cosim.model.config import CoSimConfig
 from cosim.simulation.options import SimulationOptions
 from fmus.build import cached_fmu
-from minirobots.commands.run import Run, run
 
 BRIEF: dict[str, Any] = {"mu": 0.2, "time_limit": 4.0}
 
@@ -205,8 +203,8 @@ def test_progress_is_told_every_task_to_its_end(policy):
         ({"driver": "fast"}, ConfigError, "driver = 'fast' is unknown; choose one of fmpy, "),
         ({"record": "none"}, ConfigError, "record = 'none' is unknown; choose one of summary, "),
         ({"on_collision": "stop"}, ConfigError, "on_collision = 'stop' is unknown; choose one of"),
-        ({"scenario": "7"}, ScenarioError, "unknown scenario '7'"),
-        ({"scenario": "2"}, PolicyError, "the policy was trained on scenario 1a .* scenario 2 "),
+        ({"scenario": "7"}, UserError, "unknown scenario '7'"),
+        ({"scenario": "2"}, UserError, "the policy was trained on scenario 1a .* scenario 2 "),
         ({"seed": -1}, ConfigError, "seed = -1 must not be negative"),
         ({"seed": 2**63}, ConfigError, "must not be negative, and below 2"),
         ({"seed": None}, ConfigError, "seed = None is invalid: expected int"),
@@ -220,11 +218,11 @@ def test_progress_is_told_every_task_to_its_end(policy):
         ({"communication_step": 0}, ConfigError, "communication_step = 0.0 must be finite and"),
         ({"preset": 5}, ConfigError, "preset = 5 is invalid: expected str"),
         ({"motor_fmu": 5}, ConfigError, "motor_fmu = 5 is invalid: expected Path"),
-        ({"world": {"muu": 1}}, WorldError, "world = .* is invalid: object .* unknown field muu"),
-        ({"world": 5}, WorldError, "world = 5 is invalid"),
+        ({"world": {"muu": 1}}, UserError, "world = .* is invalid: object .* unknown field muu"),
+        ({"world": 5}, UserError, "world = 5 is invalid"),
         ({"policy": "P.npz"}, ConfigError, r"policy = 'P.npz' has no act\(observation\)"),
         ({"policy": Upwards}, ConfigError, "policy = <class .* has no act"),
-        ({"scenario": None}, ScenarioError, "unknown scenario 'None'"),
+        ({"scenario": None}, UserError, "unknown scenario 'None'"),
         ({"mu": -1.0}, ConfigError, "mu = -1.0 must be"),
         ({"motor_fmu": "nowhere.fmu"}, UserError, "nowhere.fmu does not exist"),
     ],
@@ -238,7 +236,7 @@ def test_simulate_refuses_what_it_does_not_know(policy, arguments, error, messag
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"scenario": "7"}, ScenarioError, "unknown scenario '7'"),
+        ({"scenario": "7"}, UserError, "unknown scenario '7'"),
         (
             {"method": "luck"},
             UserError,
@@ -326,7 +324,7 @@ def test_records_convert_what_they_are_given():
     assert type(CoSimConfig(robot=robot._replace(mu=np.float32(0.5))).robot.mu) is float
     with pytest.raises(ConfigError, match="mu = 'x' is invalid: expected float"):
         CoSimConfig(robot=robot._replace(mu="x"))
-    with pytest.raises(ScenarioError, match=r"targets = .* is invalid: expected int"):
+    with pytest.raises(UserError, match=r"targets = .* is invalid: expected int"):
         replace(cosim.find_scenario("1a"), targets=[[3.5, 3]])
 
 
@@ -341,11 +339,11 @@ def test_a_co_simulation_takes_numbers_and_lists():
 
 
 def test_load_refuses_what_does_not_fit(policy, tmp_path):
-    with pytest.raises(PolicyError, match="no such policy file"):
+    with pytest.raises(UserError, match="no such policy file"):
         agent.load(Path("nowhere.npz"))
     policy.save(tmp_path / "policy.npz")
     assert agent.load(tmp_path / "policy.npz", "1a").episodes == 20_000
-    with pytest.raises(PolicyError, match="was trained on scenario 1a"):
+    with pytest.raises(UserError, match="was trained on scenario 1a"):
         agent.load(tmp_path / "policy.npz", cosim.find_scenario("2"))
 
 

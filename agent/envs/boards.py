@@ -35,8 +35,8 @@ from agent.mdp.grid import (
 )
 from agent.mdp.readings import FREE, GOAL, Process, build_process, feature_sizes
 from agent.mdp.rng import seeded_state
-from cosim.base.arguments import numbers, taken
-from cosim.base.errors import UserError, shown
+from cosim.base.arguments import ConfigError, numbers, validate_argument
+from cosim.base.errors import shorten
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT
 from cosim.model.scenario import Scenario
@@ -46,14 +46,6 @@ Count = Annotated[int, msgspec.Meta(ge=1)]
 _Seed = Annotated[int, msgspec.Meta(ge=0)]
 FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS, "p": PARTNER}
 _NAMES = np.array(BY_RANK, dtype=object)
-
-
-class ClosedError(UserError, ValueError):
-    """A closed environment is used."""
-
-
-class StateError(UserError, ValueError):
-    """A state that does not fit the environment."""
 
 
 class Restorable:
@@ -70,7 +62,7 @@ class Restorable:
         """Return a copy of everything that changes; it can be pickled.
 
         Raises:
-            ClosedError: the environment is closed.
+            ConfigError: the environment is closed.
             FmuError: the motor FMU cannot save its state.
         """
         self._require_open()
@@ -84,13 +76,13 @@ class Restorable:
         """Restore a state of this object, or of one that was made with the same arguments.
 
         Raises:
-            ClosedError: the environment is closed.
-            StateError: the state is that of another kind of environment, or of another number.
+            ConfigError: the environment is closed.
+            ConfigError: the state is that of another kind of environment, or of another number.
         """
         self._require_open()
         if not isinstance(state, dict) or set(state) != set(self._mutable):
-            raise StateError(
-                f"{shown(state)} is not a state of this kind of environment; give the result "
+            raise ConfigError(
+                f"{shorten(state)} is not a state of this kind of environment; give the result "
                 "of get_state() of one that was made with the same arguments"
             )
         for name, saved in state.items():
@@ -102,15 +94,7 @@ class Restorable:
 
     def _require_open(self) -> None:
         if self.closed:
-            raise ClosedError("the environment is closed; call reset to use it again")
-
-
-class StartsError(UserError, ValueError):
-    """Invalid start cells, seeds or masks of a reset; the message names them."""
-
-
-class ActionError(UserError, ValueError):
-    """An invalid action; the message names the robot."""
+            raise ConfigError("the environment is closed; call reset to use it again")
 
 
 class Results(NamedTuple):
@@ -161,7 +145,7 @@ class EnvBoards(Restorable, ABC):
         *made: Any,
     ) -> None:
         self.scenario = scenario
-        self.shape = rows = (taken("num_envs", count, Count), scenario.robots)
+        self.shape = rows = (validate_argument("num_envs", count, Count), scenario.robots)
         self.observation_space, self.action_space = observation_space, action_space
         self.made = rows, scenario, observation_space, *made
         flags = [np.zeros(rows, dtype=bool) for _ in range(3)]
@@ -197,12 +181,12 @@ class EnvBoards(Restorable, ABC):
         for name, values in given.items():
             sized = isinstance(values, list | tuple) or getattr(values, "ndim", 0)
             if not sized or len(values) != count:
-                raise StartsError(
-                    f"{name} = {shown(values)}; give one to each of the {count} boards"
+                raise ConfigError(
+                    f"{name} = {shorten(values)}; give one to each of the {count} boards"
                 )
-        mask = taken("reset_mask", given.pop("reset_mask", [True] * count), list[bool], StartsError)
+        mask = validate_argument("reset_mask", given.pop("reset_mask", [True] * count), list[bool])
         if not (np.array(mask) | self._begun()).all():
-            raise StartsError("reset_mask leaves out environments that have not begun; reset all")
+            raise ConfigError("reset_mask leaves out environments that have not begun; reset all")
         seeds = board_seeds(seed, count)
         which = np.flatnonzero(mask).tolist()
         rows = {m: {k: v[m] for k, v in given.items() if v[m] is not None} for m in which}
@@ -227,7 +211,7 @@ class EnvBoards(Restorable, ABC):
         """Return (K, N, ...) actions for `step`, of those that a learner gave to the K · N robots.
 
         Raises:
-            ActionError: an action is none of the action space.
+            ConfigError: an action is none of the action space.
         """
 
     @abstractmethod
@@ -268,7 +252,7 @@ class EnvBoards(Restorable, ABC):
         """See `Restorable.set_state`; also refuses states of boards that were made differently."""
         if isinstance(state, dict) and (made := state.get("made")) is not None:
             if made != self.made:
-                raise StateError(
+                raise ConfigError(
                     f"a state of {made[0][0]} boards of {made[0][1]} robots does not fit "
                     f"{self.shape[0]} of {self.shape[1]} with this scenario and these options; "
                     "restore it where the same arguments were given"
@@ -285,14 +269,14 @@ class DirectionBoards(EnvBoards):
         boards, robots = self.shape
         rows = numbers(actions, (boards * robots,), "iu")
         if rows is None:
-            raise ActionError(
-                f"actions = {shown(actions)} are not directions; choose one whole number from 0 to "
-                f"{DIRECTION_COUNT - 1} for each of the {boards * robots} robots"
+            raise ConfigError(
+                f"actions = {shorten(actions)} are not directions; choose one whole number from "
+                f"0 to {DIRECTION_COUNT - 1} for each of the {boards * robots} robots"
             )
         if rows.min() < 0 or rows.max() >= DIRECTION_COUNT:
             row = int(np.flatnonzero((rows < 0) | (rows >= DIRECTION_COUNT))[0])
             where = f" on board {row // robots}" if boards > 1 else ""
-            raise ActionError(
+            raise ConfigError(
                 f"action {rows[row]} of robot_{row % robots + 1}{where} is not a direction; choose "
                 f"one from 0 to {DIRECTION_COUNT - 1}"
             )
@@ -397,7 +381,7 @@ class Boards(DirectionBoards):
     """K boards of a scenario on the grid; `arrays` is overwritten by every step.
 
     Raises:
-        ScenarioError: the scenario cannot be used with these readings.
+        UserError: the scenario cannot be used with these readings.
     """
 
     _mutable = ("grid", "arrays")
@@ -464,13 +448,13 @@ def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int
     """One seed of each board; one for all counts up, None leaves them as they are.
 
     Raises:
-        StartsError: there is not one for each, or one is negative or no whole number.
+        ConfigError: there is not one for each, or one is negative or no whole number.
     """
-    seeds = taken("seed", seed, _Seed | list[_Seed | None] | None, StartsError)
+    seeds = validate_argument("seed", seed, _Seed | list[_Seed | None] | None)
     if not isinstance(seeds, list):
         seeds = [seeds if seeds is None else seeds + m for m in range(count)]
     if len(seeds) != count:
-        raise StartsError(f"{len(seeds)} seeds; give one to each of the {count} boards")
+        raise ConfigError(f"{len(seeds)} seeds; give one to each of the {count} boards")
     return seeds
 
 
@@ -499,27 +483,27 @@ def placed_world(process: Process, starts: Any) -> np.ndarray:
     """Return the (N, COLUMN_COUNT) int64 world of robots on the start cells that a user gave.
 
     Raises:
-        StartsError: they are not (N, 2) whole numbers, off the board, blocked or in contact.
+        ConfigError: they are not (N, 2) whole numbers, off the board, blocked or in contact.
     """
     world = np.zeros((len(process.start_offsets) - 1, COLUMN_COUNT), dtype=np.int64)
     cells = whole_cells("starts", starts, (len(world), 2))
     columns, rows = (size - 2 for size in process.terrain.shape[1:])
     if (cells < 0).any() or (cells >= (columns, rows)).any():
-        raise StartsError(f"starts {cells.tolist()} are off the {columns} x {rows} board")
+        raise ConfigError(f"starts {cells.tolist()} are off the {columns} x {rows} board")
     terrain = process.terrain[np.arange(len(world)), cells[:, 0] + 1, cells[:, 1] + 1]
     if terrain.any():
-        raise StartsError(f"starts {cells.tolist()} are on an obstacle or on the robot's target")
+        raise ConfigError(f"starts {cells.tolist()} are on an obstacle or on the robot's target")
     if not place(process, world, cells):
-        raise StartsError(f"starts {cells.tolist()} let robots touch; move them further apart")
+        raise ConfigError(f"starts {cells.tolist()} let robots touch; move them further apart")
     return world
 
 
 def whole_cells(name: str, cells: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Start or target cells that a user gave, int64 of a shape; raises StartsError."""
+    """Start or target cells that a user gave, int64 of a shape; raises ConfigError."""
     found = numbers(cells, shape, "iu")
     if found is None:
-        raise StartsError(
-            f"{name} = {shown(cells)} are not cells; give whole numbers [x, y] of shape {shape}"
+        raise ConfigError(
+            f"{name} = {shorten(cells)} are not cells; give whole numbers [x, y] of shape {shape}"
         )
     return found
 
@@ -528,9 +512,9 @@ def known_options(options: dict[str, Any] | None, *names: str) -> dict[str, Any]
     """Options of a reset.
 
     Raises:
-        StartsError: one has another name.
+        ConfigError: one has another name.
     """
     for name in options or {}:
         if name not in names:
-            raise StartsError(f"reset has no option '{name}'; choose from {', '.join(names)}")
+            raise ConfigError(f"reset has no option '{name}'; choose from {', '.join(names)}")
     return options or {}

@@ -18,12 +18,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
-from agent.envs.boards import ActionError, StartsError
 from agent.envs.dynamics import DynamicsBoards
 from agent.envs.single import SingleEnv
 from agent.envs.vector import RowsVectorEnv
-from cosim.base.arguments import numbers, require_one_of, taken
-from cosim.base.errors import shown
+from cosim.base.arguments import ConfigError, numbers, require_one_of, validate_argument
+from cosim.base.errors import shorten
 from cosim.base.jit import kernel
 from cosim.coupling.signals import MOTORS, Samples
 from cosim.model.config import MAX_VALUE, CoSimConfig, whole_ratio
@@ -106,14 +105,14 @@ class DrivePolicy:
     ) -> None:
         require_one_of("action", action, ACTIONS)
         self._predict, self._velocity = predict, action == "velocity"
-        self._context = taken("context", context, bool)
-        self.interval_s = taken("control_interval", control_interval, _POSITIVE)
+        self._context = validate_argument("context", context, bool)
+        self.interval_s = validate_argument("control_interval", control_interval, _POSITIVE)
 
     def drive(self, motion: DriveObservation) -> np.ndarray:
         """Return the set points of motors D and E in rad/s, (N, 2).
 
         Raises:
-            ActionError: the policy returned something else than two numbers for each robot.
+            ConfigError: the policy returned something else than two numbers for each robot.
         """
         robots = len(motion.poses)
         worlds = np.tile(_world_of(motion.config), (robots, 1)) if self._context else None
@@ -161,9 +160,9 @@ class DriveBoards(DynamicsBoards):
         require_one_of("action", action, ACTIONS)
         require_one_of("reward", reward, ("dense", "sparse"))
         require_one_of("observe", observe, ("true", "estimated"))
-        self._context = taken("context", context, bool)
-        self._interval_s = taken("control_interval", control_interval, _POSITIVE)
-        self._reach_m = taken("reach", reach, _POSITIVE)
+        self._context = validate_argument("context", context, bool)
+        self._interval_s = validate_argument("control_interval", control_interval, _POSITIVE)
+        self._reach_m = validate_argument("reach", reach, _POSITIVE)
         whole_ratio("control_interval", control_interval, "control_period_s", _PERIOD_S)
         refuse_without_effect(physics, "where a learner drives")
         self._estimated = observe == "estimated"
@@ -194,8 +193,8 @@ class DriveBoards(DynamicsBoards):
             return None
         array = numbers(values, shape := (self.shape[1], size))
         if array is None or not self._free(array[:, :2]):
-            raise StartsError(
-                f"{name} = {shown(values)} must be of shape {shape}, in m on the board, off "
+            raise ConfigError(
+                f"{name} = {shorten(values)} must be of shape {shape}, in m on the board, off "
                 "obstacles and further apart than a diameter"
             )
         return array
@@ -223,7 +222,7 @@ class DriveBoards(DynamicsBoards):
                 places = around + np.column_stack([away * np.cos(angle), away * np.sin(angle)])
             if self._free(places, REACHED_M):
                 return places
-        raise StartsError(
+        raise ConfigError(
             f"scenario {self.scenario.name}: {_DRAWS} draws found no places for its robots within "
             f"reach = {self._reach_m:g} m; choose a larger reach, or give starts and targets"
         )
@@ -367,11 +366,11 @@ def checked_actions(actions: Any, rows: int) -> np.ndarray:
     """(rows, 2) float64 from -1 to 1 of what a learner returned, cut where it is beyond.
 
     Raises:
-        ActionError: it is something else than two finite numbers per row.
+        ConfigError: it is something else than two finite numbers per row.
     """
     if (wanted := numbers(actions, (rows, 2))) is None:
-        raise ActionError(
-            f"actions = {shown(actions)}: give two finite numbers from -1 to 1 to each of the "
+        raise ConfigError(
+            f"actions = {shorten(actions)}: give two finite numbers from -1 to 1 to each of the "
             f"{rows} robots"
         )
     return np.clip(wanted, -1.0, 1.0)

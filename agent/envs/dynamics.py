@@ -15,7 +15,6 @@ import numpy as np
 from gymnasium import spaces
 
 from agent.envs.boards import (
-    ActionError,
     Count,
     DirectionBoards,
     EnvBoards,
@@ -32,7 +31,7 @@ from agent.mdp.grid import X, Y
 from agent.mdp.readings import Process, build_process
 from agent.mdp.rewards import failed, step_reward
 from agent.moves.worlds import checked_ranges, draw_world
-from cosim.base.arguments import ConfigError, require_one_of, taken
+from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.progress import progress_bars
 from cosim.model.outcome import BY_RANK, RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
@@ -71,8 +70,8 @@ class DynamicsBoards(EnvBoards):
         physics: Mapping[str, Any],
         limit: int | None,
     ) -> None:
-        taken("num_envs", count, Count)  # before anything is measured
-        self._limit = taken("max_episode_steps", limit, Count | None) or math.inf
+        validate_argument("num_envs", count, Count)  # before anything is measured
+        self._limit = validate_argument("max_episode_steps", limit, Count | None) or math.inf
         given = dict(physics)
         world, worlds = given.pop("world", None), given.pop("worlds", None)
         options = options_of("an environment", given, "world", "worlds")
@@ -171,7 +170,7 @@ class DynamicsBoards(EnvBoards):
         """Return the episode of each board, which has one."""
         begun = [episode for episode in self._batch.episodes if episode is not None]
         if len(begun) < self.shape[0]:
-            raise ActionError("no episode has begun; call reset first")
+            raise ConfigError("no episode has begun; call reset first")
         return begun
 
     def path_length_cm(self) -> np.ndarray:

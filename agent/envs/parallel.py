@@ -8,12 +8,12 @@ import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
-from agent.envs.boards import ActionError, Count, board_seeds
+from agent.envs.boards import Count, board_seeds
 from agent.envs.rendering import View
 from agent.envs.vector import direction_boards
 from agent.mdp.config import ProcessConfig
-from cosim.base.arguments import numbers, taken
-from cosim.base.errors import shown
+from cosim.base.arguments import ConfigError, numbers, validate_argument
+from cosim.base.errors import shorten
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT
 
@@ -62,7 +62,7 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
         Raises:
             UserError: the scenario or an option cannot be used.
         """
-        limit = taken("max_cycles", max_cycles, Count | None)
+        limit = validate_argument("max_cycles", max_cycles, Count | None)
         boards = direction_boards(1, scenario, process, max_episode_steps=limit, **options)
         super().__init__(boards, render_mode, outcome_names)
         boards.seed(board_seeds(np.random.SeedSequence().entropy, 1))
@@ -95,7 +95,7 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
         Other options are ignored, as `pettingzoo.test.parallel_api_test` asks.
 
         Raises:
-            StartsError: start cells cannot be used.
+            ConfigError: start cells cannot be used.
         """
         known = self._boards.reset_options
         given = {name: [value] for name, value in (options or {}).items() if name in known}
@@ -108,9 +108,9 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
         """Let every agent take its action; nothing happens after the end of an episode.
 
         Raises:
-            ActionError: an agent has no action, or one that is no direction; or an unknown agent
+            ConfigError: an agent has no action, or one that is no direction; or an unknown agent
                 has one.
-            ClosedError: the environment is closed.
+            ConfigError: the environment is closed.
         """
         self._require_open()
         if not self.agents:
@@ -132,16 +132,16 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
         for agent in actions:
             if agent not in self.possible_agents:
                 known = ", ".join(self.possible_agents)
-                raise ActionError(f"{agent} is not an agent; choose from {known}")
+                raise ConfigError(f"{agent} is not an agent; choose from {known}")
         joint = np.zeros(len(self.possible_agents), dtype=np.int64)
         for agent in self.agents:
             if agent not in actions:
-                raise ActionError(f"{agent} has no action; give one to every agent of env.agents")
+                raise ConfigError(f"{agent} has no action; give one to every agent of env.agents")
             chosen = numbers(actions[agent], (), "iu")
             if chosen is None:
-                raise ActionError(
-                    f"action {shown(actions[agent])} of {agent} is not a direction; choose a whole "
-                    f"number from 0 to {DIRECTION_COUNT - 1}"
+                raise ConfigError(
+                    f"action {shorten(actions[agent])} of {agent} is not a direction; choose a "
+                    f"whole number from 0 to {DIRECTION_COUNT - 1}"
                 )
             joint[self.possible_agents.index(agent)] = chosen
         return self._boards.joint(joint * self._boards.arrays.active[0])

@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 
 from agent.envs.boards import EnvBoards, Restorable
-from cosim.base.arguments import taken
+from cosim.base.arguments import validate_argument
 from cosim.model.scenario import Scenario
 
 PIXELS_PER_CELL = 12
@@ -38,8 +38,8 @@ class View(Restorable):
 
     def __init__(self, boards: EnvBoards, render_mode: str | None, outcome_names: bool) -> None:
         self._boards = boards
-        self._outcome_names = taken("outcome_names", outcome_names, bool)
-        self.render_mode = taken("render_mode", render_mode, RenderMode | None)
+        self._outcome_names = validate_argument("outcome_names", outcome_names, bool)
+        self.render_mode = validate_argument("render_mode", render_mode, RenderMode | None)
 
     def render(self) -> Any:
         """The first board as text ("ansi") or pixels ("rgb_array")."""

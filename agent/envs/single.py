@@ -5,10 +5,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agent.envs.boards import ActionError, known_options
+from agent.envs.boards import known_options
 from agent.envs.rendering import View
 from agent.envs.vector import direction_boards
-from cosim.base.errors import UserError, shown
+from cosim.base.arguments import ConfigError
+from cosim.base.errors import UserError, shorten
 from cosim.model.outcome import RUNNING
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
@@ -45,7 +46,7 @@ class SingleEnv(View, gym.Env[np.ndarray, Any]):
         """
         if (robots := find_scenario(scenario).robots) != 1:
             raise UserError(
-                f"scenario {shown(scenario)} has {robots} robots, not one; use agent.envs."
+                f"scenario {shorten(scenario)} has {robots} robots, not one; use agent.envs."
                 "parallel_env, or gymnasium.make_vec with MiniRobots/Pair-v0 or CoSimPair-v0"
             )
         boards = self._boards_of(1, scenario, *arguments, **options)
@@ -61,7 +62,7 @@ class SingleEnv(View, gym.Env[np.ndarray, Any]):
         In the dynamics `mu` and `targets` ([[x, y]]) of the episode can be given too.
 
         Raises:
-            StartsError: the start cannot be used.
+            ConfigError: the start cannot be used.
         """
         super().reset(seed=seed)
         given = known_options(options, *self._boards.reset_options)
@@ -73,14 +74,14 @@ class SingleEnv(View, gym.Env[np.ndarray, Any]):
         """Take an action.
 
         Raises:
-            ActionError: the action is none of the action space, or the episode has ended.
-            ClosedError: the environment is closed.
+            ConfigError: the action is none of the action space, or the episode has ended.
+            ConfigError: the environment is closed.
         """
         self._require_open()
         boards = self._boards
         joint = boards.joint([action])
         if boards.arrays.outcomes[0] != RUNNING:
-            raise ActionError("no episode is running; call reset before the next step")
+            raise ConfigError("no episode is running; call reset before the next step")
         boards.step(joint)
         arrays = boards.arrays
         ends = bool(arrays.terminated[0, 0]), bool(arrays.truncated[0, 0])

@@ -18,7 +18,7 @@ from gymnasium.vector.utils import batch_space
 from agent.envs.boards import Boards, Count, DirectionBoards, board_seeds
 from agent.envs.rendering import View, picture
 from agent.mdp.config import ProcessConfig
-from cosim.base.arguments import ConfigError, require_one_of, taken
+from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.model.outcome import RUNNING
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
@@ -85,7 +85,7 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         are taken.
 
         Raises:
-            StartsError: start cells cannot be used, or a mask leaves out an environment that has
+            ConfigError: start cells cannot be used, or a mask leaves out an environment that has
                 never begun; the environments are as they were.
         """
         self._boards.reset(options, seed)
@@ -100,8 +100,8 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Step all boards; a board begins again with the step after the end of its episode.
 
         Raises:
-            ActionError: an action is none of the action space.
-            ClosedError: the environment is closed.
+            ConfigError: an action is none of the action space.
+            ConfigError: the environment is closed.
             FmuError: an FMU failed.
         """
         self._require_open()
@@ -153,9 +153,9 @@ def direction_boards(
     Raises:
         UserError: the scenario or an option cannot be used.
     """
-    limit = taken("max_episode_steps", max_episode_steps, Count | None)
+    limit = validate_argument("max_episode_steps", max_episode_steps, Count | None)
     config: ProcessConfig = (
-        ProcessConfig() if process is None else taken("process", process, ProcessConfig)
+        ProcessConfig() if process is None else validate_argument("process", process, ProcessConfig)
     )
     if cosim:
         # here, because the grid needs no FMUs

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import msgspec
 
 from agent.evaluation.sequential import SequentialTest, Verdict
-from cosim.base.arguments import ConfigError, taken
+from cosim.base.arguments import ConfigError, validate_argument
 from cosim.model.outcome import ENDS, Outcome
 from cosim.simulation.result import EpisodeResult
 
@@ -82,8 +82,8 @@ def claim_of(text: str | None, confidence: float | None) -> Claim | None:
         ConfigError: the text is no claim, p is too close to 0 or 1, the confidence is not between
             0 and 1, or it is given without a claim.
     """
-    text = taken("claim", text, str | None)
-    confidence = taken("confidence", confidence, float | None)
+    text = validate_argument("claim", text, str | None)
+    confidence = validate_argument("confidence", confidence, float | None)
     if text is None:
         if confidence is not None:
             raise ConfigError(

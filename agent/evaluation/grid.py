@@ -17,7 +17,7 @@ from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.optimum import ratios
 from agent.training.runs import policy_paths
 from cosim.base.errors import UserError
-from cosim.base.table import Column, field, known, show_texts
+from cosim.base.table import Column, field, format_value, show_texts
 from cosim.base.table import show as show_rows
 from cosim.model.outcome import BY_RANK, ENDS, SUCCESS, Outcome
 
@@ -189,7 +189,7 @@ def show(report: GridReport) -> None:
         rows = []
         for name, s in measures.items():
             values = (s.mean, s.iqm, s.low, s.high)
-            mean, iqm, low, high = (known(value, _MEASURES[name]) for value in values)
+            mean, iqm, low, high = (format_value(value, _MEASURES[name]) for value in values)
             ends = "–" if s.low is None else f"{low} to {high}"
             rows.append((name.replace("_", " "), mean, iqm, ends))
         header = (f"scenario {scenario}, {runs} policies", "mean", "IQM", "95 % interval")

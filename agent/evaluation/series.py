@@ -26,7 +26,7 @@ from cosim.simulation.result import EpisodeResult
 from cosim.simulation.simulate import draw_episode
 from cosim.simulation.tasks import Task, recorder_of, simulate_tasks
 
-_SUMMARY = Kind("summary of a run", "choose another --out, or remove it", ConfigError)
+_SUMMARY = Kind("summary of a run", "choose another --out, or remove it")
 
 
 class RunFacts(msgspec.Struct, frozen=True, kw_only=True):

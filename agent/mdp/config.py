@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from cosim.base.errors import UserError
-from cosim.model.scenario import ScenarioError
 
 Feature = Literal["x", "y", "d", "g", "b", "h", "p"]
 # Not learnt: see `agent.mdp.optimum`, and for the fastest `agent.moves.bound`.
@@ -72,7 +71,7 @@ class ProcessConfig:
             "clearance_m": self.clearance_m >= 0,
             "step_limit": 1 <= self.step_limit <= MAX_STEPS,
         }
-        require("process", self, valid, ScenarioError)
+        require("process", self, valid, UserError)
 
 
 def require(table: str, config: object, valid: Mapping[str, bool], error: type[UserError]) -> None:
@@ -135,12 +134,12 @@ def refuse_without_effect(config: ProcessConfig, where: Where) -> None:
         where: the process is used.
 
     Raises:
-        ScenarioError: names the reading.
+        UserError: names the reading.
     """
     for name, reason in _WITHOUT_EFFECT[where].items():
         value, default = getattr(config, name), getattr(ProcessConfig, name)
         if value != default:
-            raise ScenarioError(
+            raise UserError(
                 f"process: {name} = {value} has no effect in {where}: {reason}; "
                 f"leave it at {default}"
             )

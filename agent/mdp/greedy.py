@@ -31,7 +31,7 @@ from agent.mdp.readings import Process, build_process
 from agent.mdp.rewards import DrivenStep, reward_parts
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
-from cosim.base.storage import json_text, named, replacing, write_json
+from cosim.base.storage import json_text, replacing, require_suffix, write_json
 from cosim.coupling.rl_step import Decision
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, Observation
@@ -82,10 +82,6 @@ def greedy(values: np.ndarray, facing: np.ndarray) -> np.ndarray:
 _UNITS = {"shortest": "cells", "fastest": "s", "planned": "s"}
 
 
-class PolicyError(UserError):
-    """Invalid policy file. The message names the file and how to fix it."""
-
-
 class GreedyPolicy(ABC):
     """Robots choose the largest of their action values.
 
@@ -130,10 +126,10 @@ class GreedyPolicy(ABC):
         """Write `path` (.npz) and its configuration next to it (.json), each whole or not at all.
 
         Raises:
-            StorageError: its name does not end in .npz.
+            FileError: its name does not end in .npz.
             OSError: the folder cannot be written.
         """
-        path = named(path, ".npz")
+        path = require_suffix(path, ".npz")
         facts = {"scenario_digest": self.config.scenario.digest(), "episodes": self.episodes}
         description = msgspec.to_builtins(self.config) | facts
         write_json(path.with_suffix(".json"), description)
@@ -177,17 +173,17 @@ class GreedyPolicy(ABC):
         """Refuse any geometry but that of training.
 
         Raises:
-            PolicyError: the policy was trained on another scenario.
+            UserError: the policy was trained on another scenario.
         """
         trained = self.config.scenario
         if scenario.diameter_m != trained.diameter_m:
-            raise PolicyError(
+            raise UserError(
                 f"{name} was trained for robots of {100 * trained.diameter_m:g} cm, not of "
                 f"{100 * scenario.diameter_m:g} cm; train one on a scenario file with "
                 f"robot_diameter_m = {scenario.diameter_m:g}"
             )
         if scenario.digest() != trained.digest():
-            raise PolicyError(
+            raise UserError(
                 f"{name} was trained on scenario {trained.name} (digest {trained.digest()}), not "
                 f"on scenario {scenario.name} (digest {scenario.digest()}); choose that scenario "
                 "or train a new policy"

@@ -202,7 +202,7 @@ def _tables_alone(
 
 
 def _load(path: Path) -> Bound:
-    arrays = read_arrays(path, Kind("optimum", "remove it", UserError), Bound._fields)
+    arrays = read_arrays(path, Kind("optimum", "remove it"), Bound._fields)
     return Bound(arrays["path_cells"], arrays["steps"], bool(arrays["relaxed"]))
 
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from agent.mdp.config import FEATURES, PARTNER_UPDATES, REWARDS_PER, ProcessConfig
 from agent.mdp.rng import probability_threshold
-from cosim.model.scenario import MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
+from cosim.base.errors import UserError
+from cosim.model.scenario import MAX_SIDE_CELLS, Cell, Scenario
 from cosim.onboard.features import (
     AXIS_COUNT,
     DIRECTION_COUNT,
@@ -83,7 +84,7 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
     """Tables of the decision process of a scenario under the given readings.
 
     Raises:
-        ScenarioError: a start cell cannot be used, hardly a combination of starts is free of
+        UserError: a start cell cannot be used, hardly a combination of starts is free of
             contact, D is larger than any board, or the tables are too large.
     """
     thresholds = distance_thresholds(scenario)
@@ -97,28 +98,28 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
     for robot, cells in enumerate(scenario.starts):
         for x, y in cells:
             if terrain[robot, x + 1, y + 1] != FREE:
-                raise ScenarioError(
+                raise UserError(
                     f"scenario {scenario.name}: starts[{robot}] has cell ({x}, {y}), which is "
                     f"the robot's target or an obstacle to it{near}; choose a free cell"
                 )
     if not _has_free_starts(scenario, thresholds.contact):
-        raise ScenarioError(
+        raise UserError(
             f"scenario {scenario.name}: hardly any combination of starts keeps the robots "
             "apart; move the start cells further apart"
         )
     if config.distance_limit_m > MAX_SIDE_CELLS * scenario.cell_m:
-        raise ScenarioError(
+        raise UserError(
             f"scenario {scenario.name}: distance_limit_m = {config.distance_limit_m:g} is more "
             f"than {MAX_SIDE_CELLS} cells; make it smaller"
         )
     strides, state_count = _strides(scenario, config)
     if scenario.robots * state_count > MAX_STATES:
-        raise ScenarioError(
+        raise UserError(
             f"scenario {scenario.name}: the robots' tables have {scenario.robots * state_count:,} "
             f"states, more than {MAX_STATES:,}; choose fewer features, robots or cells"
         )
     if strides[FEATURES.index("p")] and state_count > MAX_JOINT_STATES:
-        raise ScenarioError(
+        raise UserError(
             f"scenario {scenario.name}: feature p makes a robot's table {state_count:,} states "
             f"large, more than {MAX_JOINT_STATES:,}; leave p out or choose a smaller board"
         )
@@ -210,12 +211,14 @@ def _move_reward(scenario: Scenario, config: ProcessConfig) -> np.ndarray:
     for diagonal in range(2):
         cost = config.step_cost * (config.diagonal_cost if diagonal else 1.0)
         for approaching in range(2):
+            # --8<-- [start:pair]
             # Eq. (12)
             b = config.approach_coefficient if approaching else 1.0
             for squared in range(largest + 1):
                 distance = min(math.sqrt(squared), limit_cells)
                 # Eq. (11)
                 reward[diagonal, approaching, squared] = -b * (1.0 - distance / limit_cells) - cost
+            # --8<-- [end:pair]
     return reward
 
 
@@ -225,7 +228,7 @@ def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
     A lone robot has x, y and h only.
 
     Raises:
-        ScenarioError: of the features in use nothing is left to it.
+        UserError: of the features in use nothing is left to it.
     """
     sizes = {
         "x": scenario.columns,
@@ -239,7 +242,7 @@ def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
     seen = {"x", "y", "h"} if scenario.robots == 1 else set(sizes)
     used = {name: sizes[name] for name in sizes if name in config.features and name in seen}
     if not used:
-        raise ScenarioError(
+        raise UserError(
             f"process: features = {', '.join(config.features)} have no effect: a lone robot sees "
             "no other; name x, y or h as well"
         )

@@ -15,7 +15,8 @@ from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after
 from agent.mdp.optimum import require_paths
 from agent.mdp.readings import Process
-from agent.moves.model import KINDS, MovesError, ObservedMoves, move_kind
+from agent.moves.model import KINDS, ObservedMoves, move_kind
+from cosim.base.errors import UserError
 from cosim.base.jit import kernel
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
@@ -52,17 +53,17 @@ def mean_seconds(moves: ObservedMoves) -> np.ndarray:
     """(KINDS,) float64, mean time in s from a move of each kind to the next decision.
 
     Raises:
-        MovesError: a kind of move was never observed, or a robot stopped in another cell than the
+        UserError: a kind of move was never observed, or a robot stopped in another cell than the
             one it was sent to.
     """
     steps: list[list[int]] = [[] for _ in range(KINDS)]
     for move in moves.moves:
         if max(abs(move.stop_x), abs(move.stop_y)) >= _MOST_OFF:
-            raise MovesError("moves end in other cells than commanded; check the parameters")
+            raise UserError("moves end in other cells than commanded; check the parameters")
         lasted = math.ceil(move.duration_s / moves.rl_step_s - _ROUNDING)
         steps[move_kind(move.direction, move.heading)].append(lasted)
     if not all(steps):
-        raise MovesError("not every kind of move was observed; observe more moves")
+        raise UserError("not every kind of move was observed; observe more moves")
     return np.array([moves.rl_step_s * np.mean(of_kind) for of_kind in steps])
 
 
@@ -76,7 +77,7 @@ def least_times(process: Process, moves: ObservedMoves) -> np.ndarray:
         moves: of one world.
 
     Raises:
-        MovesError: see `mean_seconds`.
+        UserError: see `mean_seconds`.
     """
     seconds = mean_seconds(moves)
     after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
@@ -100,7 +101,7 @@ def fastest_tables(process: Process, moves: ObservedMoves) -> tuple[np.ndarray, 
         states) bool, whether there is anything to decide and a path to the target.
 
     Raises:
-        MovesError: see `mean_seconds`.
+        UserError: see `mean_seconds`.
         UserError: there is a start without a path to the target.
     """
     value, after = least_times(process, moves)[0], cells_after(process, 0)

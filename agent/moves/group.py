@@ -402,7 +402,7 @@ def group_of(process: Process, moves: ObservedMoves) -> Group:
         moves: of one world.
 
     Raises:
-        MovesError: see `agent.moves.bound.mean_seconds`.
+        UserError: see `agent.moves.bound.mean_seconds`.
     """
     after, at, targets = board_of(process)
     n, cells = after.shape[:2]

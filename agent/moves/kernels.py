@@ -57,7 +57,7 @@ _PER_TIME, _PER_DISTANCE = REWARDS_PER.index("time"), REWARDS_PER.index("distanc
 
 
 @inlined
-def stand(model: MoveModel, world: np.ndarray, plans: np.ndarray, random: np.ndarray) -> None:
+def reset_plans(model: MoveModel, world: np.ndarray, plans: np.ndarray, random: np.ndarray) -> None:
     """Let every robot wait at the centre of its cell, in a world that it draws."""
     worlds = len(model.offsets)
     for i in range(world.shape[0]):

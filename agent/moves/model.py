@@ -28,10 +28,6 @@ NO_DIRECTION = -1  # before the first move
 KINDS = 2 * AXIS_COUNT  # straight or diagonal, and the turn before it
 
 
-class MovesError(UserError):
-    """Invalid file of moves. The message names the file and how to fix it."""
-
-
 class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One move of a robot towards the centre of a neighbouring cell.
 
@@ -96,16 +92,16 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Read what `save` wrote.
 
         Raises:
-            MovesError: no such file, or not a file of moves of this version.
+            UserError: no such file, or not a file of moves of this version.
         """
         fix = f"make one with `minirobots moves --out {path}`"
-        kind = Kind("file of moves", fix, MovesError)
+        kind = Kind("file of moves", fix)
         content = read_json(path, kind, dict)
         version = content.pop("schema_version", None)
         with parsing(path, kind):
             moves = msgspec.convert(content, cls)
         if version != SCHEMA_VERSION:
-            raise MovesError(
+            raise UserError(
                 f"{path}: schema {version} is not the schema {SCHEMA_VERSION} of this version; "
                 "make it again with `minirobots moves`"
             )
@@ -154,10 +150,10 @@ def require_rl_step(rl_step_s: float) -> None:
     """Refuse moves with a longer RL step than the paper's.
 
     Raises:
-        MovesError: they are.
+        UserError: they are.
     """
     if not 0.0 < rl_step_s <= TIMING.rl_step_s:
-        raise MovesError(
+        raise UserError(
             f"moves with an RL step of {rl_step_s:g} s are not usable for learning; observe "
             f"them with an --rl-step of at most {TIMING.rl_step_s:g} s"
         )
@@ -171,7 +167,7 @@ def build_model(moves: ObservedMoves, contact_cells: float) -> MoveModel:
         contact_cells: centre distance in cells at which training counts a contact.
 
     Raises:
-        MovesError: a kind of move was never observed; or see `require_rl_step`.
+        UserError: a kind of move was never observed; or see `require_rl_step`.
     """
     require_rl_step(moves.rl_step_s)
     fastest = max(
@@ -193,7 +189,7 @@ def build_model(moves: ObservedMoves, contact_cells: float) -> MoveModel:
         rows[world * KINDS + kind].append((move.turn_s, move.duration_s, *drift, *stop))
     if not all(rows):
         missing = [bool(of_kind) for of_kind in rows].index(False) % KINDS
-        raise MovesError(f"there is no move of kind {missing} of {KINDS}; observe more moves")
+        raise UserError(f"there is no move of kind {missing} of {KINDS}; observe more moves")
     most_steps = max(1, round(TIMING.rl_step_s / moves.rl_step_s))
     ends = np.cumsum([0, *(len(of_kind) for of_kind in rows)])
     return MoveModel(

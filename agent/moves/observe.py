@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from agent.moves.model import KINDS, NO_DIRECTION, Move, MovesError, ObservedMoves, move_kind
+from agent.moves.model import KINDS, NO_DIRECTION, Move, ObservedMoves, move_kind
 from agent.moves.worlds import WorldRange, draw_world
+from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached
@@ -68,7 +69,7 @@ class _Walker:
         known = np.where(inside, self._seen[kinds], np.iinfo(int).max)
         return self._rng.choice(np.flatnonzero(known == known.min()), size=1)
 
-    def book(self, step: Step, config: CoSimConfig) -> None:
+    def follow_step(self, step: Step, config: CoSimConfig) -> None:
         """Follow one RL step, and note the move that ends in it."""
         period_s = config.timing.control_period_s
         if step.decided[0]:
@@ -147,7 +148,7 @@ def observe_moves(
 
     Raises:
         FmuError: an FMU failed.
-        MovesError: a robot cannot drive with these parameters.
+        UserError: a robot cannot drive with these parameters.
     """
     middle = _SIDE_CELLS // 2
     scenario = Scenario(
@@ -185,8 +186,8 @@ def observe_moves(
                 )
                 for place, step in steps.items():
                     if step.outcome == "out_of_board":
-                        raise MovesError("the robot strays from its line; check the parameters")
-                    walkers[place].book(step, config)
+                        raise UserError("the robot strays from its line; check the parameters")
+                    walkers[place].follow_step(step, config)
                     done[numbers[place]] = len(walkers[place].moves)
                     if walkers[place].done:
                         batch.stop(place)
@@ -227,7 +228,7 @@ def cached_moves(
         config, fmu, progress, worlds, cell_m: see `observe_moves`.
 
     Raises:
-        FmuError, MovesError: see `observe_moves`.
+        FmuError, UserError: see `observe_moves`.
         OSError: the cache cannot be written.
     """
     path = moves_path(config, fmu, worlds)

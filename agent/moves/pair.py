@@ -163,7 +163,7 @@ def move_seconds(moves: ObservedMoves) -> np.ndarray:
     """(8, AXIS_COUNT) float64, mean time in s of a move by direction and axis before.
 
     Raises:
-        MovesError: see `agent.moves.bound.mean_seconds`.
+        UserError: see `agent.moves.bound.mean_seconds`.
     """
     directions = range(DIRECTION_COUNT)
     kinds = np.array([[move_kind(a, axis) for axis in range(AXIS_COUNT)] for a in directions])
@@ -198,7 +198,7 @@ def moves_of_pair(process: Process, moves: ObservedMoves) -> PairTimes:
         moves: of one world.
 
     Raises:
-        MovesError: see `agent.moves.bound.mean_seconds`.
+        UserError: see `agent.moves.bound.mean_seconds`.
     """
     after, at, targets = board_of(process)
     kept, parked = kept_distances(process, targets, at)
@@ -215,7 +215,7 @@ def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
         moves: of one world.
 
     Raises:
-        MovesError: see `agent.moves.bound.mean_seconds`.
+        UserError: see `agent.moves.bound.mean_seconds`.
     """
     times = moves_of_pair(process, moves)
     alone = times.alone

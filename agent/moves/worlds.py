@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim.base.arguments import ConfigError, taken
+from cosim.base.arguments import ConfigError, validate_argument
 from cosim.model.config import CoSimConfig
 from cosim.model.world import Patch, Sensor, World
 
@@ -115,13 +115,13 @@ def checked_ranges(worlds: Any, config: CoSimConfig) -> WorldRange:
         )
     if worlds.mu is None:
         worlds = worlds._replace(mu=(config.robot.mu, config.robot.mu))
-    if taken("worlds.patches", worlds.patches, int) < 0:
+    if validate_argument("worlds.patches", worlds.patches, int) < 0:
         raise ConfigError(f"worlds.patches = {worlds.patches} must not be negative")
     ends: tuple[dict[str, Any], ...] = ({"patches": worlds.patches}, {"patches": worlds.patches})
     for name, value in worlds._asdict().items():
         if name == "patches":
             continue
-        low, high = taken(f"worlds.{name}", value, tuple[float, float])
+        low, high = validate_argument(f"worlds.{name}", value, tuple[float, float])
         if not -math.inf < low <= high < math.inf:
             raise ConfigError(f"worlds.{name} = {value} must be ascending and finite")
         # the least payload has no offset, which worlds without a payload refuse

@@ -15,7 +15,7 @@ from agent.method import method_policy
 from agent.policies import load_policy
 from agent.training.settings import METHODS
 from cosim.base.arguments import ConfigError
-from cosim.base.errors import UserError, shown
+from cosim.base.errors import UserError, shorten
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import identity_of
 from cosim.coupling.rl_step import SupportsAct
@@ -96,7 +96,7 @@ def policy_of(
         return load_policy(name, scenario)
     if scenario is None:
         raise ConfigError(
-            f"policy = {shown(given)} needs a scenario; name one (scenario, --scenario)"
+            f"policy = {shorten(given)} needs a scenario; name one (scenario, --scenario)"
         )
     if name in METHODS:
         assert name is not None

@@ -44,12 +44,8 @@ class IndexedResult(EpisodeResult, frozen=True, kw_only=True):
         return EpisodeResult(**row)
 
 
-class ResultFileError(UserError):
-    """Invalid file of results. The message names the file and how to fix it."""
-
-
 _LONGEST = 2**20  # bytes, far above what is written here
-_FILE = Kind("file of results", "move it away or choose another --out", ResultFileError)
+_FILE = Kind("file of results", "move it away or choose another --out")
 
 
 class ResultFile:
@@ -65,7 +61,7 @@ class ResultFile:
         results: those that are in the file, by index of the start, in the order in which they came.
 
     Raises:
-        ResultFileError: the file belongs to something else, or is damaged other than at its end.
+        UserError: the file belongs to something else, or is damaged other than at its end.
     """
 
     def __init__(self, path: Path, header: Header | None = None) -> None:
@@ -98,24 +94,24 @@ class ResultFile:
                         continue
                     header = msgspec.json.decode(line, type=Header)
                 except Exception as error:  # whatever a line may be
-                    raise ResultFileError(
+                    raise UserError(
                         f"{self.path}: line {number} is damaged ({error}); remove that line"
                     ) from error
                 self.header = self.header or header
                 if (header.schema_version, header.digest) != (SCHEMA_VERSION, self.header.digest):
-                    raise ResultFileError(
+                    raise UserError(
                         f"{self.path}: holds results of another configuration; move it away or "
                         "choose another folder with --out"
                     )
             if not number and not (self.header and _line(self.header).startswith(line)):
-                raise ResultFileError(f"{self.path}: not a {_FILE.name}; {_FILE.fix}")
+                raise UserError(f"{self.path}: not a {_FILE.name}; {_FILE.fix}")
             self._size = self._whole + len(line)
 
     def add(self, index: int, result: EpisodeResult) -> None:
         """Keep a result: in one write, so that a killed process leaves whole lines.
 
         Raises:
-            ResultFileError: another process has written to the file since this one read it.
+            UserError: another process has written to the file since this one read it.
         """
         row = IndexedResult(**msgspec.structs.asdict(result), index=index)
         self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -123,7 +119,7 @@ class ResultFile:
             with contextlib.suppress(OSError):  # of a file system without locks
                 lock_open(file)
             if self.path.stat().st_size != self._size:
-                raise ResultFileError(
+                raise UserError(
                     f"{self.path}: another process writes to this file; wait until it ends and "
                     "run the same command again, or choose another --out"
                 )
@@ -187,7 +183,7 @@ def export(folder: Path, path: Path) -> None:
         path: of the Parquet file.
 
     Raises:
-        ResultFileError: the folder has no results, or a file is damaged.
+        UserError: the folder has no results, or a file is damaged.
     """
     rows: list[dict[str, Any]] = []
     for file in sorted(folder.glob("*.jsonl")):
@@ -197,5 +193,5 @@ def export(folder: Path, path: Path) -> None:
         results = found.results.items()
         rows += [of_case | msgspec.structs.asdict(row) | {"index": k} for k, row in results]
     if not rows:
-        raise ResultFileError(f"{folder}: has no results of episodes; name a folder that has some")
+        raise UserError(f"{folder}: has no results of episodes; name a folder that has some")
     write_parquet(path, rows)

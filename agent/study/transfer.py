@@ -1,4 +1,4 @@
-"""Tables of methods in the full dynamics: docs/transfer.md, and in other worlds docs/robustness.md.
+"""Tables of methods in the full dynamics: see docs/methods.md.
 
 The command lines are `minirobots transfer` and `minirobots robustness`.
 """

@@ -28,7 +28,13 @@ from agent.study.episodes import (
 from agent.study.plot import QUANTITIES, draw_map, draw_measure
 from agent.study.policies import name_of, policy_of
 from agent.study.store import EpisodeStore
-from cosim.base.arguments import ConfigError, plain_of, require_one_of, taken, taken_seed
+from cosim.base.arguments import (
+    ConfigError,
+    require_one_of,
+    to_plain,
+    validate_argument,
+    validate_seed,
+)
 from cosim.base.errors import UserError
 from cosim.base.jobs import Backend, Workers, until
 from cosim.base.progress import Progress, automatic, showing, silent
@@ -44,7 +50,7 @@ from cosim.simulation.options import Physics, options_of
 from cosim.simulation.result import EpisodeResult
 
 _LOGGER = logging.getLogger(__name__)
-_FILE = Kind("study", "see docs/studies.md", ConfigError)
+_FILE = Kind("study", "see docs/studies.md")
 _OF_COMMAND = ("jobs", "backend", "address", "budget_minutes", "progress")
 WRITTEN = (".json", ".md", ".parquet", ".png")
 
@@ -190,7 +196,7 @@ class StudyTable:
         Raises:
             ConfigError: the suffix is another one, or there is no such quantity.
         """
-        path = Path(taken("path", path, Path))
+        path = Path(validate_argument("path", path, Path))
         match path.suffix:
             case ".json":
                 rows = [
@@ -277,15 +283,15 @@ def study(
     report, judged = progress or silent, claim_of(claim, confidence)
     where = Workers(jobs=jobs, backend=backend, address=address)
     named = _named(policies)
-    scenario = plain_of("scenario", scenario)
+    scenario = to_plain("scenario", scenario)
     scenarios = scenario if isinstance(scenario, list | tuple) else [scenario]
-    folder: Path | None = taken("out", out, Path | None)
-    given = {name: plain_of(name, value) for name, value in {"world": world, **options}.items()}
+    folder: Path | None = validate_argument("out", out, Path | None)
+    given = {name: to_plain(name, value) for name, value in {"world": world, **options}.items()}
     axes = {name: value for name, value in given.items() if isinstance(value, list)}
     if not (named and scenarios and all(axes.values())):
         raise ConfigError("policies, scenarios and every axis need at least one value each")
     fixed = {name: value for name, value in given.items() if name not in axes}
-    episodes, seed = taken("episodes", episodes, int), taken_seed(seed)
+    episodes, seed = validate_argument("episodes", episodes, int), validate_seed(seed)
     if episodes < 1:
         raise ConfigError(f"episodes = {episodes} must be at least 1")
     lines: list[StudyLine] = []
@@ -418,7 +424,7 @@ def evaluate(
     Raises:
         UserError: see its message.
     """
-    if starts is not None and taken("starts", starts, int) < 1:
+    if starts is not None and validate_argument("starts", starts, int) < 1:
         raise ConfigError(f"starts = {starts} must be at least 1")
     if "episodes" in options:
         raise ConfigError("evaluate has no option episodes; give starts, an episode each")

@@ -49,7 +49,7 @@ class GroupPolicy(GreedyPolicy):
         """Return the policy of a configuration.
 
         Raises:
-            MovesError: not every kind of move was observed.
+            UserError: not every kind of move was observed.
             UserError: there are too many robots, or a start without a path to its target.
         """
         scenario = config.scenario
@@ -120,6 +120,6 @@ class GroupPolicy(GreedyPolicy):
         """Read a policy.
 
         Raises:
-            PolicyError: no such file, not such a policy, or another schema.
+            FileError: no such file, not such a policy, or another schema.
         """
         return cls(read_policy(path, ())[0])

@@ -31,7 +31,6 @@ from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import PolicyConfig
 from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig
-from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import replacing
 from cosim.model.outcome import Outcome
@@ -60,11 +59,7 @@ class TrainingProgress(NamedTuple):
 ProgressCallback = Callable[[TrainingProgress], None]
 
 
-class TrainingLogError(UserError):
-    """Invalid learning curves. The message names the file and how to fix it."""
-
-
-_FILE = Kind("file of learning curves", "train again", TrainingLogError)
+_FILE = Kind("file of learning curves", "train again")
 
 
 class TrainingLog(NamedTuple):
@@ -108,7 +103,7 @@ class TrainingLog(NamedTuple):
         """Read what `save` wrote.
 
         Raises:
-            TrainingLogError: it is missing or damaged.
+            FileError: it is missing or damaged.
         """
         return cls(**read_arrays(path, _FILE, cls._fields))
 

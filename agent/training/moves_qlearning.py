@@ -21,10 +21,10 @@ from agent.mdp.grid import (
 )
 from agent.mdp.readings import Process
 from agent.mdp.rng import PROBABILITY_SHIFT, next_word
-from agent.moves.kernels import PLAN_SIZE, begin_move, stand, step, waits
+from agent.moves.kernels import PLAN_SIZE, begin_move, reset_plans, step, waits
 from agent.moves.model import MoveModel
 from agent.training.learning import Learning, TrainingState
-from agent.training.qlearning import ACTION_BITS, best_of_sum, book, largest
+from agent.training.qlearning import ACTION_BITS, best_of_sum, largest, log_episode
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
 from cosim.model.params import TIMING
@@ -72,7 +72,7 @@ def _run_episodes(
         block = episode // learning.epsilon_episodes
         threshold, eta = learning.epsilon_thresholds[block], learning.eta[block]
         place_randomly(process, world, cells, random)
-        stand(model, world, plans, random)
+        reset_plans(model, world, plans, random)
         for i in range(n):
             returns[i] = 0.0
         moves = 0
@@ -130,7 +130,7 @@ def _run_episodes(
                     # Eq. (7) in a terminal state
                     q[k, i, s, a] += eta * (earned[i] - q[k, i, s, a])
         path_cells = moves + (SQRT_2 - 1.0) * diagonal
-        book(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)
+        log_episode(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)
     return decisions
 
 

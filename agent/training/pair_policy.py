@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from agent.mdp.exact import Evaluation, joint_starts
-from agent.mdp.greedy import GreedyPolicy, PolicyError
+from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.joint import BLOCKED
 from agent.mdp.optimum import require_paths
@@ -21,6 +21,7 @@ from agent.moves.pair import (
     solve_pair,
 )
 from agent.training.policy import PolicyConfig, read_policy
+from cosim.base.errors import FileError
 from cosim.base.provenance import digest_of
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
@@ -87,7 +88,7 @@ class PairPolicy(GreedyPolicy):
         """Compute the policy of a configuration; some seconds, and some 200 MB meanwhile.
 
         Raises:
-            MovesError: not every kind of move was observed.
+            UserError: not every kind of move was observed.
             UserError: there is a start without a path to the targets.
         """
         assert config.moves is not None
@@ -137,10 +138,10 @@ class PairPolicy(GreedyPolicy):
         """Read a policy.
 
         Raises:
-            PolicyError: no such file, not such a policy, or another schema.
+            FileError: no such file, not such a policy, or another schema.
         """
         config, _, arrays = read_policy(path, ("delay",))
         cells, delay = config.scenario.columns * config.scenario.rows, arrays["delay"]
         if (delay.shape, delay.dtype) != ((cells, AXIS_COUNT) * 2, np.uint16):
-            raise PolicyError(f"{path}: times and configuration do not fit; compute it again")
+            raise FileError(f"{path}: times and configuration do not fit; compute it again")
         return cls(config, delay)

@@ -15,25 +15,26 @@ import numpy as np
 
 from agent.mdp.config import Computed, ProcessConfig, refuse_without_effect
 from agent.mdp.exact import Evaluation, cell_map, evaluate
-from agent.mdp.greedy import GreedyPolicy, PolicyError, on_grid
+from agent.mdp.greedy import GreedyPolicy, on_grid
 from agent.mdp.optimum import computed_tables
 from agent.mdp.readings import build_process
 from agent.moves.bound import fastest_tables
 from agent.moves.model import ObservedMoves
 from agent.training.learning import VERSION, TrainingState
 from agent.training.settings import LearningConfig
+from cosim.base.errors import FileError, UserError
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.model.params import TIMING
-from cosim.model.scenario import Scenario, ScenarioError
+from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT, Observation
 from cosim.recording.series import PolicyMap
 
 SCHEMA_VERSION = 1
 
 
-FILE = Kind("policy file", "name a policy.npz that training has saved", PolicyError)
-_CONFIG = Kind("policy's configuration", "train it again", PolicyError)
+FILE = Kind("policy file", "name a policy.npz that training has saved")
+_CONFIG = Kind("policy's configuration", "train it again")
 
 
 class Seed(msgspec.Struct, frozen=True):
@@ -61,9 +62,9 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     version names the version of what made it.
 
     Raises:
-        ScenarioError: an interpretation of the process has no effect on what it is trained on, or
+        UserError: an interpretation of the process has no effect on what it is trained on, or
             the moves were observed on cells of another size.
-        PolicyError: there is an objective, and something is said of learning, or moves are given
+        UserError: there is an objective, and something is said of learning, or moves are given
             where they do not matter or missing where they do.
     """
 
@@ -80,23 +81,23 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         where = "training on the grid" if self.moves is None else "training on moves"
         refuse_without_effect(self.process, where)
         if self.moves is not None and self.moves.cell_m != self.scenario.cell_m:
-            raise ScenarioError(
+            raise UserError(
                 f"moves = those on cells of {self.moves.cell_m:g} m do not fit scenario "
                 f"{self.scenario.name} with cells of {self.scenario.cell_m:g} m; observe some with "
                 f"`minirobots moves --cell {self.scenario.cell_m:g}`"
             )
         asked_as_ever = self.moves is not None and self.moves.rl_step_s == TIMING.rl_step_s
         if asked_as_ever and self.process.reward_per == "time":
-            raise ScenarioError(
+            raise UserError(
                 "process: reward_per = time has no effect on moves with an RL step of "
                 f"{TIMING.rl_step_s:g} s, where both are the same; leave it at step"
             )
         if self.objective is None:
             return
         if self.learning != LearningConfig():
-            raise PolicyError(f"learning has no effect on {self.objective} paths; leave it out")
+            raise UserError(f"learning has no effect on {self.objective} paths; leave it out")
         if (self.objective in {"fastest", "planned"}) != (self.moves is not None):
-            raise PolicyError(
+            raise UserError(
                 "only fastest and planned paths use observed moves; "
                 f"{'leave them out' if self.moves else 'give some'}"
             )
@@ -196,14 +197,14 @@ class Policy(GreedyPolicy):
         """Read a policy.
 
         Raises:
-            PolicyError: no such file, not a policy, or another schema.
+            FileError: no such file, not a policy, or another schema.
         """
         config, episodes, arrays = read_policy(path, ("q", "visits", "random"))
         with parsing(Path(path), _CONFIG):
             policy = cls(config, **arrays, episodes=episodes)
             consistent = policy._consistent()
         if not consistent:
-            raise PolicyError(f"{path}: tables and configuration do not fit; train it again")
+            raise FileError(f"{path}: tables and configuration do not fit; train it again")
         return policy
 
     def _consistent(self) -> bool:
@@ -223,14 +224,14 @@ def read_policy(
     """Return configuration, trained episodes and the arrays of these names of a policy file.
 
     Raises:
-        PolicyError: no such file, not a policy, another schema, or damaged.
+        FileError: no such file, not a policy, another schema, or damaged.
     """
     path = Path(path)
     arrays = read_arrays(path, FILE, (*names, "config"))
     with parsing(path, _CONFIG):
         description = dict(json.loads(arrays.pop("config").tobytes()))
     if description.get("schema_version") != SCHEMA_VERSION:
-        raise PolicyError(
+        raise FileError(
             f"{path}: policy schema {description.get('schema_version')} is not the schema "
             f"{SCHEMA_VERSION} of this version; train it again with `minirobots train`"
         )
@@ -239,5 +240,5 @@ def read_policy(
         config = msgspec.convert(description, PolicyConfig)
         trained = msgspec.convert(episodes, int)
     if digest != config.scenario.digest():
-        raise PolicyError(f"{path}: scenario and configuration do not fit; train it again")
+        raise FileError(f"{path}: scenario and configuration do not fit; train it again")
     return config, trained, arrays

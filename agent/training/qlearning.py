@@ -65,7 +65,7 @@ def best_of_sum(q: np.ndarray, i: int, s: np.uint64) -> int:
 
 
 @inlined
-def book(
+def log_episode(
     learning: Learning,
     curve: np.ndarray,
     episode: int,
@@ -170,6 +170,7 @@ def _run_episodes(
                 updated = 0
                 if learning.double_q:
                     updated = np.int64(next_word(random) & _ONE)
+                # --8<-- [start:update]
                 if world[i, STATUS] == MOVING:
                     s_next = state_index(process, world, i)
                     target = rewards[i]
@@ -196,9 +197,10 @@ def _run_episodes(
                 else:
                     # Eq. (7) in a terminal state
                     q[updated, i, s, a] += eta * (rewards[i] - q[updated, i, s, a])
+                # --8<-- [end:update]
         agent_steps += moves
         path_cells = (moves - diagonal_moves) + SQRT_2 * diagonal_moves
-        book(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)
+        log_episode(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)
     return agent_steps
 
 

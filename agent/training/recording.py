@@ -47,7 +47,7 @@ def write_training(
         facts: what identifies the run, for the recording's properties.
 
     Raises:
-        RecordingError: the file cannot be written.
+        UserError: the file cannot be written.
     """
     robots = policy.config.scenario.robots
     identity = f"training-{facts.get('scenario')}-{policy.digest()}"
@@ -77,7 +77,7 @@ def write_runs(path: Path, logs: Sequence[TrainingLog], facts: dict[str, Any]) -
         facts: what identifies them, for the recording's properties.
 
     Raises:
-        RecordingError: the file cannot be written.
+        UserError: the file cannot be written.
     """
     identity = f"trainings-{facts.get('scenario')}-{digest_of(*(log.returns for log in logs))}"
     with Recording(path, identity, training_blueprint(0)) as file:

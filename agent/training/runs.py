@@ -18,7 +18,6 @@ import msgspec
 import numpy as np
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.greedy import PolicyError
 from agent.mdp.readings import build_process
 from agent.moves.model import ObservedMoves
 from agent.training.loop import TrainingLog
@@ -27,7 +26,7 @@ from agent.training.recording import write_training
 from agent.training.settings import LearningConfig
 from agent.training.store import POLICY_FILE, load_run, save_run, train_policy
 from cosim.base.backends import sweep
-from cosim.base.errors import UserError
+from cosim.base.errors import FileError, UserError
 from cosim.base.jobs import PROCESSES, JobKind, Workers, run
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
@@ -39,11 +38,7 @@ EXPERIMENT_FILE = "experiment.json"
 RECORDING_FILE = "training.rrd"
 
 
-class RunsError(UserError):
-    """Invalid folder of runs. The message names the folder and how to fix it."""
-
-
-_FILE = Kind("configuration of runs", "choose another --out", RunsError)
+_FILE = Kind("configuration of runs", "choose another --out")
 
 
 class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -123,9 +118,9 @@ def train_runs(
         All runs in their order.
 
     Raises:
-        RunsError: the folder belongs to another configuration, or has runs of another version.
-        ScenarioError: the scenario cannot be used with these readings.
-        BackendError: see `cosim.base.backends.sweep`.
+        UserError: the folder belongs to another configuration, or has runs of another version.
+        UserError: the scenario cannot be used with these readings.
+        UserError: see `cosim.base.backends.sweep`.
         OSError: the folder cannot be written.
     """
     out = out.absolute()
@@ -201,15 +196,15 @@ def _claim(out: Path, experiment: Experiment, tasks: Sequence[RunTask]) -> None:
     if not path.exists():
         write_json(path, experiment)
     elif read_json(path, _FILE, Experiment) != experiment:
-        raise RunsError(
+        raise UserError(
             f"{path}: belongs to another configuration; give the options it was started with or "
             "choose another --out"
         )
     for task in tasks:
         policy = out / run_name(task.run) / POLICY_FILE
-        with contextlib.suppress(PolicyError):
+        with contextlib.suppress(FileError):
             if policy.exists() and read_policy(policy, ())[0] != task.config:
-                raise RunsError(
+                raise UserError(
                     f"{policy}: was trained by another version with other results; choose "
                     "another --out to train again"
                 )

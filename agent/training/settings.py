@@ -67,10 +67,6 @@ Algorithm = Literal["q", "double_q"]
 MAX_EPISODES, MAX_POINTS = 10**9, 10**7
 
 
-class LearningError(UserError):
-    """Invalid learning configuration. The message names the field."""
-
-
 @dataclass(frozen=True)
 class LearningConfig:
     """Numbers of Section V and what the paper leaves open about learning."""
@@ -117,20 +113,20 @@ class LearningConfig:
             "log_window": 1 <= self.log_window <= self.log_episodes,
             "greedy_points": 0 <= self.greedy_points <= MAX_POINTS,
         }
-        require("learning", self, valid, LearningError)
+        require("learning", self, valid, UserError)
         usual = LearningConfig.epsilon_decay
         if self.schedule == "linear" and self.epsilon_decay != usual:
-            raise LearningError(
+            raise UserError(
                 f"learning: epsilon_decay = {self.epsilon_decay} has no effect with schedule = "
                 f"linear; leave it at {usual}"
             )
         if self.block < self.episodes / MAX_POINTS:
-            raise LearningError(
+            raise UserError(
                 f"learning: epsilon_episodes = {self.epsilon_episodes} makes more than "
                 f"{MAX_POINTS} blocks of equal epsilon; give a divisor of the episodes with them"
             )
         if self.log_episodes < self.episodes / MAX_POINTS:
-            raise LearningError(
+            raise UserError(
                 f"learning: log_episodes = {self.log_episodes} makes more than {MAX_POINTS} points "
                 "of the learning curves; make it larger"
             )
@@ -148,34 +144,30 @@ class LearningConfig:
 _Config = TypeVar("_Config", ProcessConfig, LearningConfig)
 
 
-class SettingsError(UserError):
-    """Invalid settings file. The message names the field."""
-
-
-_FILE = Kind("settings file", "check the path", SettingsError)
+_FILE = Kind("settings file", "check the path")
 
 
 def read_settings(path: Path) -> tuple[ProcessConfig, LearningConfig]:
     """Decision process and learning configuration of a TOML file; what it leaves out is default.
 
     Raises:
-        SettingsError: the file is missing, no TOML, or a field is unknown or wrong.
+        UserError: the file is missing, no TOML, or a field is unknown or wrong.
     """
     content = read_toml(path, _FILE)
     unknown = set(content) - {"process", "learning"}
     if unknown:
-        raise SettingsError(f"{path}: unknown table '{min(unknown)}'; use [process] and [learning]")
+        raise UserError(f"{path}: unknown table '{min(unknown)}'; use [process] and [learning]")
     process = _convert(path, "process", content.get("process", {}), ProcessConfig)
     return process, _convert(path, "learning", content.get("learning", {}), LearningConfig)
 
 
 def _convert(path: Path, table: str, content: Any, config: type[_Config]) -> _Config:
     if not isinstance(content, dict):
-        raise SettingsError(f"{path}: {table} is not a table; write [{table}]")
+        raise UserError(f"{path}: {table} is not a table; write [{table}]")
     known = {field.name for field in fields(config)}
     for name in content:
         if name not in known:
-            raise SettingsError(
+            raise UserError(
                 f"{path}: unknown field {table}.{name}; choose one of {', '.join(sorted(known))}"
             )
     try:
@@ -183,6 +175,6 @@ def _convert(path: Path, table: str, content: Any, config: type[_Config]) -> _Co
     except msgspec.ValidationError as error:
         problem, _, where = str(error).partition(" - at ")
         field = where.strip("`").replace("$", table)
-        raise SettingsError(f"{path}: {field or table}: {problem.replace('`', '')}") from error
+        raise UserError(f"{path}: {field or table}: {problem.replace('`', '')}") from error
     except UserError as error:
-        raise SettingsError(f"{path}: {error}") from error
+        raise UserError(f"{path}: {error}") from error

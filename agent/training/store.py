@@ -7,17 +7,12 @@ import logging
 from functools import partial
 from pathlib import Path
 
-from agent.mdp.greedy import GreedyPolicy, PolicyError
+from agent.mdp.greedy import GreedyPolicy
 from agent.training.group_policy import GroupPolicy
-from agent.training.loop import (
-    ProgressCallback,
-    TrainingLog,
-    TrainingLogError,
-    run_training,
-    training_log,
-)
+from agent.training.loop import ProgressCallback, TrainingLog, run_training, training_log
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import Policy, PolicyConfig
+from cosim.base.errors import FileError
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, load_or_create, require_no_folder
 
@@ -56,7 +51,7 @@ def load_run(folder: Path, config: PolicyConfig) -> tuple[Policy, TrainingLog] |
     try:
         policy = Policy.load(path)
         log = TrainingLog.load(folder / LOG_FILE)
-    except (PolicyError, TrainingLogError) as error:
+    except FileError as error:
         _LOGGER.warning("%s: it is rebuilt", error)
         return None
     return (policy, log) if policy.config == config else None
@@ -76,8 +71,8 @@ def find_or_train(
         The policy, its learning curves and the path of its file.
 
     Raises:
-        ScenarioError: the scenario cannot be used with these readings.
-        StorageError: a folder is where a file of the cache goes.
+        UserError: the scenario cannot be used with these readings.
+        FileError: a folder is where a file of the cache goes.
         OSError: the cache cannot be written.
     """
     folder = policy_folder(config)
@@ -107,7 +102,7 @@ def find_or_compute(
 
     Raises:
         UserError: the scenario is too large to compute optimal paths.
-        StorageError: a folder is where a file of the cache goes.
+        FileError: a folder is where a file of the cache goes.
         OSError: the cache cannot be written.
     """
     path = policy_folder(config) / POLICY_FILE

@@ -98,7 +98,7 @@ def make(results: Path) -> Drawing:
     """Draw the figure of a results folder.
 
     Raises:
-        PlatformError: there is no such result, or its file is of another kind.
+        UserError: there is no such result, or its file is of another kind.
     """
     result = PlatformResult.load(RESULTS["platform"].location(results))
     return Drawing(draw(result), caption(result))

@@ -182,7 +182,7 @@ def make(results: Path) -> Drawing:
     """Draw the figure of a results folder.
 
     Raises:
-        MotorTestError: see `analysis.reading.motor_test.read`.
+        UserError: see `analysis.reading.motor_test.read`.
     """
     path = RESULTS["motor_test"].location(results)
     responses = read(path)

@@ -15,9 +15,10 @@ from agent.experiments.results import ExperimentResult, VariantResult
 from agent.training.loop import TrainingLog
 from agent.training.runs import policy_paths
 from agent.training.store import LOG_FILE
-from analysis.figures.style import WIDTH_IN, Caption, Drawing, FigureError
+from analysis.figures.style import WIDTH_IN, Caption, Drawing
 from analysis.reading.results import FIGURES, RESULTS
 from analysis.reading.written import read_experiment
+from cosim.base.errors import UserError
 from cosim.base.plotting import BLUE, GREY, VERMILION
 
 POINTS = 200  # drawn per curve; a point is the mean of the learning curve's points that it covers
@@ -78,13 +79,13 @@ def load_variants(folder: Path, content: ExperimentResult) -> dict[str, VariantC
     """Learning curves of a result folder's variants by name.
 
     Raises:
-        FigureError: runs are missing.
+        UserError: runs are missing.
     """
     variants = {}
     for name, variant in content.variants.items():
         policies = policy_paths(folder / name)
         if len(policies) != len(variant.runs):
-            raise FigureError(
+            raise UserError(
                 f"{folder / name}: runs are missing; run `minirobots experiments "
                 f"{content.experiment} --out {folder}`"
             )
@@ -218,7 +219,7 @@ def learning_figure(
     """Learning curves of an experiment: of one robot (fig08), of pairs (fig11) and so on.
 
     Raises:
-        ResultError: there are no such results.
+        UserError: there are no such results.
     """
     content = read_experiment(figure, results)
     variants = load_variants(RESULTS[figure].location(results), content)

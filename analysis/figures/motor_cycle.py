@@ -13,9 +13,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.figures.paths import recorded
-from analysis.figures.style import WIDTH_IN, Caption, Drawing, FigureError
+from analysis.figures.style import WIDTH_IN, Caption, Drawing
 from analysis.reading.findings import sliding
 from analysis.reading.results import FIGURES, episodes_of
+from cosim.base.errors import UserError
 from cosim.base.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from cosim.physics.forces import MotorMount, motor_force
 from cosim.recording.reader import Episode, read_episode
@@ -69,12 +70,12 @@ def find_cycle(episode: Episode) -> Cycle:
     other, and what a turn looks like depends on it.
 
     Raises:
-        FigureError: there is none.
-        RecordingReadError: the recording has no bursts, angles or parameters.
+        UserError: there is none.
+        FileError: the recording has no bursts, angles or parameters.
     """
     cycles = [cycle for robot in episode.robots for cycle in _cycles(episode, robot)]
     if not cycles:
-        raise FigureError(
+        raise UserError(
             f"{episode.origin}: no burst holds a whole turn of the motors in which a robot drives; "
             "record a longer episode"
         )
@@ -250,7 +251,7 @@ def make(results: Path) -> Drawing:
     """Draw the figure of a results folder.
 
     Raises:
-        FigureError: there is no recording, or none of its bursts holds a turn.
+        UserError: there is no recording, or none of its bursts holds a turn.
     """
     cycle = find_cycle(read_episode(recorded(episodes_of(SCENARIO, "moves"), results)[0]))
     return Drawing(draw(cycle), caption(cycle))

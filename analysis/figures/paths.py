@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from analysis.figures.fig05 import draw_board, robot_colour
-from analysis.figures.style import WIDTH_IN, Caption, Drawing, FigureError
+from analysis.figures.style import WIDTH_IN, Caption, Drawing
 from analysis.reading.inspection import path_length_m
 from analysis.reading.results import DRIVEN_BY, FIGURES, RESULTS, episodes_of, recordings
+from cosim.base.errors import UserError
 from cosim.base.plotting import BLACK, VERMILION
 from cosim.model.built_in import PAPER
 from cosim.model.scenario import Scenario
@@ -48,7 +49,7 @@ def read_track(path: Path) -> Track:
     """The track of an episode's recording.
 
     Raises:
-        RecordingReadError: it is no recording of an episode with positions.
+        FileError: it is no recording of an episode with positions.
     """
     episode = read_episode(path)
     positions = [episode.signals[f"{robot}/position"] for robot in episode.robots]
@@ -65,7 +66,7 @@ def fig09(results: Path) -> Drawing:
     """Draw paths of one robot: all episodes of a scenario on one board, a method in each row.
 
     Raises:
-        FigureError: there are no recordings.
+        UserError: there are no recordings.
     """
     tracks = _read(results, SINGLE)
     figure, grid = plt.subplots(
@@ -89,7 +90,7 @@ def fig12(results: Path) -> Drawing:
     """Draw paths of pairs, a method in each row, and below them the distance of their centres.
 
     Raises:
-        FigureError: there are no recordings.
+        UserError: there are no recordings.
     """
     tracks = _read(results, PAIRS)
     return Drawing(
@@ -109,11 +110,11 @@ def recorded(name: str, results: Path) -> list[Path]:
     """Return the recordings of a result's episodes, in their order.
 
     Raises:
-        FigureError: there are none.
+        UserError: there are none.
     """
     paths = recordings(name, results)
     if not paths:
-        raise FigureError(f"{name}: no recordings; run `{RESULTS[name].command(results)}` first")
+        raise UserError(f"{name}: no recordings; run `{RESULTS[name].command(results)}` first")
     return paths
 
 

@@ -20,10 +20,6 @@ FORMATS = (".png", ".pdf")
 NOTHING = "–"  # where a number has no value
 
 
-class FigureError(UserError):
-    """Error in drawing or writing a figure. The message names the fix."""
-
-
 def use_style() -> None:
     """Set matplotlib's defaults for every figure of the project."""
     mpl.use("Agg")
@@ -41,10 +37,10 @@ def save(figure: Figure, out: Path) -> list[Path]:
         The files written.
 
     Raises:
-        FigureError: `out` ends otherwise.
+        UserError: `out` ends otherwise.
     """
     if out.suffix not in (*FORMATS, ""):
-        raise FigureError(f"--out {out}: name a .png or .pdf file, both are written")
+        raise UserError(f"--out {out}: name a .png or .pdf file, both are written")
     files = [out.with_suffix(suffix) for suffix in FORMATS]
     for file in files:
         # No date of creation: same results, same file.
@@ -98,8 +94,8 @@ def read_caption(folder: Path, figure: str) -> Caption:
     """The caption of a figure that `minirobots figures` wrote.
 
     Raises:
-        FigureError: there is none, or it is damaged.
+        UserError: there is none, or it is damaged.
     """
     fix = f"draw it with `minirobots figures {figure} --out {folder}`"
-    kind = Kind("caption of a figure", fix, FigureError)
+    kind = Kind("caption of a figure", fix)
     return read_json(folder / f"{figure}.json", kind, Caption)

@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 
 from agent.study.plot import draw_measure
 from agent.study.transfer import TransferRow
-from analysis.figures.style import Caption, Drawing, FigureError
+from analysis.figures.style import Caption, Drawing
 from analysis.reading.results import FIGURES
 from analysis.reading.written import read_transfer
+from cosim.base.errors import UserError
 
 
 def series_of(row: TransferRow) -> str:
@@ -76,10 +77,10 @@ def make(results: Path) -> Drawing:
     """Draw the figure of a results folder.
 
     Raises:
-        ResultError: there is no such result, or it is damaged.
-        FigureError: it has no row with episodes.
+        UserError: there is no such result, or it is damaged.
+        UserError: it has no row with episodes.
     """
     rows = [row for row in read_transfer(results).rows if row.success is not None]
     if not rows:
-        raise FigureError("the table of `minirobots transfer` has no rows with episodes")
+        raise UserError("the table of `minirobots transfer` has no rows with episodes")
     return Drawing(draw(rows), caption(rows))

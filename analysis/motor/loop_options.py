@@ -22,5 +22,3 @@ class StepTest:
     d: Annotated[float, tyro.conf.arg(metavar="NM")] = FIG_7.d
     """Disturbance torque in N m."""
     motor_parameters: MotorParameters = ()
-    """Parameter of the motor FMU to set through FMI, in the FMU's unit, such as J=5e-9; repeat it
-    for several. By default the FMU's own values hold."""

@@ -14,8 +14,9 @@ import rerun.blueprint as rrb
 
 from analysis.motor.instance import require_parameters, running
 from analysis.motor.loop_options import StepTest
-from analysis.reading.motor_test import LOOPS, SIGNALS, MotorTestError, Response
-from cosim.base.arguments import named_once
+from analysis.reading.motor_test import LOOPS, SIGNALS, Response
+from cosim.base.arguments import validate_unique
+from cosim.base.errors import UserError
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.params import MotorParams
 from cosim.recording.blueprint import plain_blueprint
@@ -34,12 +35,12 @@ def simulate(path: Path, test: StepTest, loop: str) -> Response:
         loop: one of LOOPS.
 
     Raises:
-        MotorTestError: the FMU is missing, broken or refuses a call.
+        UserError: the FMU is missing, broken or refuses a call.
     """
     try:
         return _simulate(MotorFmu(path), test, loop)
     except Exception as error:  # fmpy raises plain Exceptions
-        raise MotorTestError(f"motor FMU {path} cannot be tested: {error}") from error
+        raise UserError(f"motor FMU {path} cannot be tested: {error}") from error
 
 
 def _simulate(motor: MotorFmu, test: StepTest, loop: str) -> Response:
@@ -47,7 +48,7 @@ def _simulate(motor: MotorFmu, test: StepTest, loop: str) -> Response:
     rows = np.empty((count + 1, 3))
     third = np.arange(count + 1) * 3 // (count + 1)
     disturbance = test.d * np.array([0.0, 1.0, -1.0])[third]
-    given = named_once("motor_parameters", test.motor_parameters)
+    given = validate_unique("motor_parameters", test.motor_parameters)
     require_parameters(motor, given)
     start = {
         **given,
@@ -77,8 +78,8 @@ def record(out: Path, fmu: Path, test: StepTest) -> None:
         test: what is done to it.
 
     Raises:
-        MotorTestError: the FMU is missing, broken or refuses a call.
-        RecordingError: the recording cannot be written.
+        UserError: the FMU is missing, broken or refuses a call.
+        UserError: the recording cannot be written.
     """
     responses = {loop: simulate(fmu, test, loop) for loop in LOOPS}
     with Recording(out, "motor test", _blueprint()) as file:

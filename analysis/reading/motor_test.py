@@ -7,13 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.errors import UserError
-from cosim.recording.reader import RecordingReadError, Signal, read_rrd
+from cosim.recording.reader import Signal, read_rrd
 
 LOOPS = ("open_loop", "closed_loop")
-
-
-class MotorTestError(UserError):
-    """Failed or invalid motor test. The message names the file and how to fix it."""
 
 
 class Response(NamedTuple):
@@ -43,13 +39,13 @@ def read(path: Path) -> dict[str, Response]:
     """Signals of a recording, by loop.
 
     Raises:
-        MotorTestError: there is no such recording, or it is none of a motor test.
+        UserError: there is no such recording, or it is none of a motor test.
     """
     try:
         signals = read_rrd(path).signals
         return {loop: _response(signals, loop) for loop in LOOPS}
-    except (RecordingReadError, KeyError) as error:
-        raise MotorTestError(
+    except KeyError as error:
+        raise UserError(
             f"{path} is not a recording of a motor test ({error}); "
             "make one with `minirobots motor-test`"
         ) from error

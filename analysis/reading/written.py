@@ -14,28 +14,22 @@ from cosim.base.reading import Kind, read_json
 from cosim.simulation.result import EpisodeResult
 
 
-class ResultError(UserError):
-    """A result that is missing, damaged, or of another kind."""
-
-
 def kind_of(name: str, results: Path) -> Kind:
     """Return the name of a result in messages."""
     result = RESULTS[name]
-    return Kind(
-        f"result of `minirobots {result.maker}`", f"run `{result.command(results)}`", ResultError
-    )
+    return Kind(f"result of `minirobots {result.maker}`", f"run `{result.command(results)}`")
 
 
 def read_experiment(name: str, results: Path) -> ExperimentResult:
     """Description of an experiment by `minirobots experiments`.
 
     Raises:
-        ResultError: there is no such result, or it is of another experiment.
+        UserError: there is no such result, or it is of another experiment.
     """
     path, kind = RESULTS[name].proof_in(results), kind_of(name, results)
     content = read_json(path, kind, ExperimentResult)
     if content.experiment != name:
-        raise ResultError(f"{path}: not a result of {name}; {kind.fix}")
+        raise UserError(f"{path}: not a result of {name}; {kind.fix}")
     return content
 
 
@@ -43,7 +37,7 @@ def read_transfer(results: Path) -> TransferReport:
     """The table of `minirobots transfer`.
 
     Raises:
-        ResultError: there is no such result, or it is damaged.
+        UserError: there is no such result, or it is damaged.
     """
     path = RESULTS["transfer"].proof_in(results)
     return read_json(path, kind_of("transfer", results), TransferReport)
@@ -53,7 +47,7 @@ def read_run(name: str, results: Path) -> tuple[EpisodeResult, ...]:
     """Return the episodes of a run of `minirobots run`; none if it was not run.
 
     Raises:
-        ResultError: its summary is damaged.
+        UserError: its summary is damaged.
     """
     result = RESULTS[name]
     if not result.exists(results):

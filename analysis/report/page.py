@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import jinja2
 
-from analysis.figures.style import FORMATS, Caption, FigureError, read_caption
+from analysis.figures.style import FORMATS, Caption, read_caption
 from analysis.reading.results import FIGURES, missing
 from analysis.report.tables import (
     episode_table,
@@ -20,17 +20,13 @@ from analysis.report.tables import (
     transfer_tables,
 )
 from analysis.timings import TimingsFile, read_timings
-from cosim.base.errors import UserError
+from cosim.base.errors import FileError, UserError
 from cosim.base.provenance import versions
 from cosim.base.storage import replacing, write_whole
 from cosim.model.built_in import PAPER
 from cosim.model.params import SPEED_NOISE, TABLE_I, TIMING
 
 PAGE = "index.html"
-
-
-class ReportError(UserError):
-    """Error in making a report. The message names the fix."""
 
 
 class Picture(NamedTuple):
@@ -60,11 +56,11 @@ def write_report(results: Path, figures: Path, out: Path) -> Path:
         The page.
 
     Raises:
-        ReportError: there is no results folder.
-        ResultError, TimingsError: a result is damaged.
+        UserError: there is no results folder.
+        FileError: a result is damaged.
     """
     if not results.is_dir():
-        raise ReportError(f"{results}: no such folder; make results with `minirobots reproduce`")
+        raise UserError(f"{results}: no such folder; make results with `minirobots reproduce`")
     timings = read_timings(results)
     content = {
         "pictures": list(_pictures(figures, out)),
@@ -92,7 +88,7 @@ def _pictures(figures: Path, out: Path) -> Iterator[Picture]:
     for name in FIGURES:
         try:
             caption = read_caption(figures, name)
-        except FigureError:
+        except FileError:
             continue
         files = [f"figures/{name}{ending}" for ending in FORMATS]
         for file in files:

@@ -51,7 +51,7 @@ def learning_tables(results: Path) -> list[ReportTable]:
     """Return the results of training, a table per experiment of the paper.
 
     Raises:
-        ResultError: a file is damaged.
+        UserError: a file is damaged.
     """
     titles = {
         "fig08": "One robot, greedy policies after training",
@@ -96,7 +96,7 @@ def transfer_tables(results: Path) -> list[ReportTable]:
     """Return the table of success in co-simulation, by method; none if it was not evaluated.
 
     Raises:
-        ResultError: the file is damaged.
+        UserError: the file is damaged.
     """
     if not RESULTS["transfer"].exists(results):
         return []
@@ -120,7 +120,7 @@ def episode_table(results: Path) -> list[ReportTable]:
     """Return the table of recorded episodes; none if no episode has been recorded.
 
     Raises:
-        ResultError: a summary is damaged.
+        UserError: a summary is damaged.
     """
     rows = []
     for scenario in PAPER:

@@ -3,12 +3,12 @@
 from collections.abc import Collection, Iterable, Mapping
 from functools import cache
 from pathlib import Path, PurePath
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
 
-from cosim.base.errors import UserError, shown
+from cosim.base.errors import UserError, shorten
 
 MAX_SEED = 2**63  # recordings have integers of 64 bits
 
@@ -17,7 +17,7 @@ class ConfigError(UserError, ValueError):
     """Invalid parameters or arguments; the message names the argument and how to fix it."""
 
 
-def taken(name: str, value: Any, kind: Any, error: type[UserError] = ConfigError) -> Any:
+def validate_argument(name: str, value: Any, kind: Any) -> Any:
     """Return an argument as the type that it must have.
 
     NumPy scalars and arrays become numbers and lists, lists become tuples, strings paths, and dicts
@@ -27,44 +27,44 @@ def taken(name: str, value: Any, kind: Any, error: type[UserError] = ConfigError
         name: of the argument, for messages.
         value: as given.
         kind: type, as msgspec takes it, or with paths.
-        error: raised if the value does not fit.
 
     Raises:
-        UserError: `error`, which names the argument, its value and what is expected.
+        ConfigError: it names the argument, its value and what is expected.
     """
-    plain = plain_of(name, value, error)
+    plain = to_plain(name, value)
     if isinstance(plain, PurePath) and kind is str:
         plain = str(plain)
-    if get_origin(kind) is tuple and isinstance(plain, str | dict):
+    bare = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    if get_origin(bare) is tuple and isinstance(plain, str | dict):
         plain = (plain,) if isinstance(plain, str) else list(plain.items())
     try:
         return msgspec.convert(plain, kind, dec_hook=_path)
     except msgspec.ValidationError as problem:
+        if isinstance(problem.__cause__, UserError):  # of a record's own validation
+            raise problem.__cause__ from None
         if known := _choices(kind):
-            raise error(unknown(name, value, known)) from None
+            raise ConfigError(unknown(name, value, known)) from None
         reason = str(problem).replace("`", "").replace("null", "None")
-        raise error(
-            f"{name} = {shown(value)} is invalid: {reason[0].lower()}{reason[1:]}"
+        raise ConfigError(
+            f"{name} = {shorten(value)} is invalid: {reason[0].lower()}{reason[1:]}"
         ) from None
 
 
-def taken_seed(seed: Any) -> int:
+def validate_seed(seed: Any) -> int:
     """Return a seed as an int from 0 to 2**63 - 1; raises ConfigError if it is none."""
-    seed = taken("seed", seed, int)
+    seed = validate_argument("seed", seed, int)
     if not 0 <= seed < MAX_SEED:
         raise ConfigError(f"seed = {seed} must not be negative, and below 2**63")
     return seed
 
 
-def take_fields(
-    record: Any, error: type[UserError] = ConfigError, but: Collection[str] = ()
-) -> None:
-    """Convert the fields of a frozen record in place, all but some; see `taken`."""
+def validate_fields(record: Any, but: Collection[str] = ()) -> None:
+    """Convert the fields of a frozen record in place, all but some; see `validate_argument`."""
     struct = isinstance(record, msgspec.Struct)
     put = msgspec.structs.force_setattr if struct else object.__setattr__
     for name, kind in _hints(type(record)).items():
         if name not in but:
-            put(record, name, taken(name, getattr(record, name), kind, error))
+            put(record, name, validate_argument(name, getattr(record, name), kind))
 
 
 def require_one_of(name: str, value: str, known: Collection[str]) -> None:
@@ -73,7 +73,7 @@ def require_one_of(name: str, value: str, known: Collection[str]) -> None:
         raise ConfigError(unknown(name, value, known))
 
 
-def named_once(name: str, pairs: Iterable[tuple[str, float]]) -> dict[str, float]:
+def validate_unique(name: str, pairs: Iterable[tuple[str, float]]) -> dict[str, float]:
     """Return pairs of names and numbers as a dict; raises ConfigError if a name is there twice."""
     found: dict[str, float] = {}
     for key, value in pairs:
@@ -85,31 +85,31 @@ def named_once(name: str, pairs: Iterable[tuple[str, float]]) -> dict[str, float
 
 def unknown(name: str, value: Any, known: Collection[str]) -> str:
     """Return the message that refuses a value which is not among the known ones."""
-    return f"{name} = {shown(value)} is unknown; choose one of {', '.join(known)}"
+    return f"{name} = {shorten(value)} is unknown; choose one of {', '.join(known)}"
 
 
 @cache
 def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind)
+    return get_type_hints(kind, include_extras=True)
 
 
-def plain_of(name: str, value: Any, error: type[UserError] = ConfigError) -> Any:
+def to_plain(name: str, value: Any) -> Any:
     """Return an argument with Python's numbers and lists in place of those of NumPy.
 
     Raises:
-        UserError: `error`, a value of an array is masked.
+        ConfigError: a value of an array is masked.
     """
     if isinstance(value, np.generic | np.ndarray):
         if np.ma.is_masked(value):
-            raise error(f"{name} = {shown(value)} has a masked value; leave it out")
+            raise ConfigError(f"{name} = {shorten(value)} has a masked value; leave it out")
         return value.tolist()
     if isinstance(value, Mapping):
         parts = value.items()
-        return {plain_of(name, k, error): plain_of(name, v, error) for k, v in parts}
+        return {to_plain(name, k): to_plain(name, v) for k, v in parts}
     if isinstance(value, list):
-        return [plain_of(name, v, error) for v in value]
+        return [to_plain(name, v) for v in value]
     if isinstance(value, tuple):
-        return tuple(plain_of(name, v, error) for v in value)
+        return tuple(to_plain(name, v) for v in value)
     return value
 
 

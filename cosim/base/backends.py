@@ -18,8 +18,8 @@ from typing import Any
 import joblib
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
-from cosim.base.errors import installing
-from cosim.base.jobs import Backend, BackendError, Workers, always
+from cosim.base.errors import UserError, installing
+from cosim.base.jobs import Backend, Workers, always
 from cosim.base.provenance import NotingPickler
 
 ATTEMPTS = 4  # of a task after its worker died; a task that kills every worker must end
@@ -47,7 +47,7 @@ def sweep(
         (index of the task, its result), in the order of completion.
 
     Raises:
-        BackendError: the backend is not installed or cannot be reached, or workers keep dying.
+        UserError: the backend is not installed or cannot be reached, or workers keep dying.
     """
     jobs, backend, address = where.jobs, where.backend, where.address
     if address is not None and address != "auto":
@@ -78,7 +78,7 @@ def sweep(
             except deaths:
                 continue  # what is left is tried again with new workers
             return
-    raise BackendError(
+    raise UserError(
         f"workers died {ATTEMPTS} times, {len(remaining)} of {len(tasks)} tasks are missing; give "
         "them more memory or fewer jobs, the same command resumes"
     )
@@ -89,14 +89,14 @@ def _require_listener(backend: Backend, address: str) -> None:
     schemes = _SCHEMES[backend]
     found = re.fullmatch(r"(?:(\w+)://)?(\[[^]]+\]|[^/:\s]+):(\d{1,5})", address)
     if not found or (found[1] or schemes[0]) not in schemes:
-        raise BackendError(
+        raise UserError(
             f"--address {address} is invalid; give HOST:PORT, as in {schemes[0]}://HOST:8786"
         )
     try:
         place = found[2].strip("[]"), int(found[3])
         socket.create_connection(place, CONNECT_TIMEOUT_S).close()
     except (OSError, OverflowError, UnicodeError) as error:
-        raise BackendError(
+        raise UserError(
             f"no {backend.title()} cluster answers at {address}; check the address"
         ) from error
 
@@ -127,7 +127,7 @@ def _numbered(function: Callable[[Any], Any], index: int, task: Any) -> tuple[in
 
 @contextlib.contextmanager
 def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], ...]]:
-    # workers have the project installed, as docs/cluster.md asks: below `uv run` Ray would pack it
+    # workers have the project installed, as docs/studies.md asks: below `uv run` Ray would pack it
     # and make another environment for every worker
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     try:
@@ -135,7 +135,7 @@ def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], 
         from ray.exceptions import RayActorError, WorkerCrashedError  # noqa: PLC0415
         from ray.util.joblib import register_ray  # noqa: PLC0415
     except ImportError as error:
-        raise BackendError(f"ray is not installed; run `{installing('ray')}`") from error
+        raise UserError(f"ray is not installed; run `{installing('ray')}`") from error
     try:
         if address is None:
             cores = joblib.cpu_count() if jobs < 0 else jobs
@@ -144,7 +144,7 @@ def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], 
         else:
             ray.init(address=address, log_to_driver=False)
     except ConnectionError as error:
-        raise BackendError(f"no Ray cluster answers at {address}; check the address") from error
+        raise UserError(f"no Ray cluster answers at {address}; check the address") from error
     register_ray()
     try:
         yield (RayActorError, WorkerCrashedError)
@@ -160,7 +160,7 @@ def _dask(
         import distributed  # noqa: PLC0415 - optional
         from distributed.scheduler import KilledWorker  # noqa: PLC0415
     except ImportError as error:
-        raise BackendError(f"dask is not installed; run `{installing('dask')}`") from error
+        raise UserError(f"dask is not installed; run `{installing('dask')}`") from error
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         sys.exit(1)  # a worker that runs the user's script again, which started it
     try:
@@ -172,9 +172,9 @@ def _dask(
         else:
             client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S)
     except OSError as error:
-        raise BackendError(f"no Dask cluster answers at {address}; check the address") from error
+        raise UserError(f"no Dask cluster answers at {address}; check the address") from error
     except RuntimeError as error:
-        raise BackendError(
+        raise UserError(
             f"Dask cannot start workers ({error}); in a script, make the call below "
             'if __name__ == "__main__":'
         ) from error
@@ -202,11 +202,11 @@ def _require_workers(client: Any, names: list[str]) -> None:
     try:
         client.wait_for_workers(1, CONNECT_TIMEOUT_S)
     except TimeoutError as error:
-        raise BackendError("the Dask cluster has no workers; start some") from error
+        raise UserError("the Dask cluster has no workers; start some") from error
     places = client.run(missing) | {"scheduler": client.run_on_scheduler(missing)}
     for place, lacking in places.items():
         if lacking:
-            raise BackendError(
+            raise UserError(
                 f"the cluster's {place} cannot import {lacking[0]}; install it on every machine, "
                 "or add its folder to PYTHONPATH there"
             )

@@ -1,32 +1,77 @@
-"""Common parts of the command lines: parsing, and options that mean the same everywhere.
+"""Options that mean the same everywhere, declared once: each with its type, limits and help.
 
-Modules with commands import only what their options need; `main` imports the rest, so that every
-`--help` comes at once.
+A record of options is a frozen dataclass: its fields are keywords of a function in Python, and the
+command line that calls it. Nothing here is slow to import, so that every `--help` comes at once.
 """
 
-import contextlib
-import io
-import json
-import re
-import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated
 
-import msgspec
 import tyro
+from msgspec import Meta
 
-from cosim.base.arguments import MAX_SEED
+from cosim.base.arguments import MAX_SEED, validate_fields
 from cosim.base.errors import UserError
 
-Options = TypeVar("Options")
+_LARGEST = 1e12
 
-Json = Annotated[bool, tyro.conf.arg(help="Print a JSON object as the last line of output.")]
+
+@dataclass(frozen=True, kw_only=True)
+class Checked:
+    """Base of records of options: the types, with their limits, are checked when one is made."""
+
+    def __post_init__(self) -> None:
+        validate_fields(self)
+
+
+Count = Annotated[int, Meta(ge=1, le=MAX_SEED - 1)]
+NotNegative = Annotated[int, Meta(ge=0, le=MAX_SEED - 1)]
+Positive = Annotated[float, Meta(gt=0, le=_LARGEST)]
+Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
+File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
+Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
+Seed = Annotated[NotNegative, tyro.conf.arg(help="Seed of everything that is drawn at random.")]
 Jobs = Annotated[
     int,
     tyro.conf.arg(
         metavar="N",
         help="What runs at the same time, -1 for one per core; the results do not depend on it.",
     ),
+]
+BudgetMinutes = Annotated[
+    Annotated[float, Meta(ge=0)] | None,
+    tyro.conf.arg(
+        metavar="M",
+        help="Start nothing new after this time in minutes; the same command resumes. By default "
+        "without limit.",
+    ),
+]
+NewFolder = Annotated[
+    Path | None,
+    tyro.conf.arg(
+        metavar="DIR",
+        help="Output folder; by default a new one in runs/, named by the command's subject and the "
+        "time.",
+    ),
+]
+ScenarioName = Annotated[
+    str,
+    tyro.conf.arg(
+        help="Built-in scenario (1a, 1b, 2, 3, 4 of Fig. 5, and 1a-zone to 4-zone with the zone "
+        "forbidden; 5-corridor, 5-slalom, 5-doorway; 4-cross, 4-ring, 6-swap; swarm-16, swarm-64, "
+        "swarm-256, swarm-1024) or a scenario file (.toml)."
+    ),
+]
+PresetName = Annotated[
+    str,
+    tyro.conf.arg(
+        metavar="NAME|FILE", help="Machine: paper, icra2006, thesis, or a preset file (.toml)."
+    ),
+]
+Friction = Annotated[
+    Positive | None,
+    tyro.conf.arg(help="Friction coefficient; by default the preset's, 0.15 for the paper."),
 ]
 MotorFmuFile = Annotated[
     Path | None,
@@ -54,39 +99,14 @@ NamedNumber = Annotated[
     ),
 ]
 MotorParameters = Annotated[
-    tuple[NamedNumber, ...], tyro.conf.arg(name="motor-parameter"), tyro.conf.UseAppendAction
+    tuple[NamedNumber, ...],
+    tyro.conf.arg(
+        name="motor-parameter",
+        help="Parameter of the motor FMU to set through FMI, in the FMU's unit, such as J=5e-9; "
+        "repeat it for several. By default the FMU's own values hold.",
+    ),
+    tyro.conf.UseAppendAction,
 ]
-
-
-def parse(
-    options: type[Options],
-    program: str,
-    arguments: list[str] | None = None,
-    default: Options | None = None,
-) -> Options:
-    """Options of a command line.
-
-    Args:
-        options: dataclass; its docstrings are the help.
-        program: with which the usage begins, such as "minirobots run".
-        arguments: of the command line, by default those of the process.
-        default: what the command line changes, instead of the dataclass's own defaults.
-    """
-    config = (tyro.conf.FlagCreatePairsOff,)
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(said):
-            parsed = tyro.cli(options, prog=program, args=arguments, default=default, config=config)
-    except SystemExit as end:
-        # tyro takes a ConfigError, as every ValueError, for its own
-        error: BaseException | None = end
-        while error is not None and not isinstance(error, UserError):
-            error = error.__context__
-        if error is not None:
-            raise error from None
-        sys.stderr.write(said.getvalue())
-        raise
-    return cast(Options, parsed)
 
 
 def workers(jobs: int) -> int:
@@ -98,19 +118,3 @@ def workers(jobs: int) -> int:
     if jobs < 1:
         raise UserError("--jobs must be at least 1, or -1 for one per core")
     return jobs
-
-
-def require_at_least(least: int, **options: float | None) -> None:
-    """Refuse options below a number, and NaN; None is one that was not given."""
-    for name, value in options.items():
-        if value is not None and not value >= least:
-            must = f"be at least {least}" if least else "not be negative"
-            raise UserError(f"--{name.replace('_', '-')} must {must}")
-        if value is not None and value >= MAX_SEED:
-            raise UserError(f"--{name.replace('_', '-')} must be below 2**63")
-
-
-def print_json(content: Any) -> None:
-    """Print what `--json` promises: one object on one line, in ASCII for any terminal."""
-    text = msgspec.json.encode(content).decode()
-    print(re.sub("[^\0-\x7f]+", lambda found: json.dumps(found[0])[1:-1], text))

@@ -57,6 +57,10 @@ class UserError(Exception):
     """
 
 
+class FileError(UserError):
+    """A file that cannot be read or written; the message names it and the fix."""
+
+
 def in_shell(command: str) -> str:
     """Return a command as users of this installation give it: in a clone with `uv run`."""
     return f"uv run {command}" if _CLONE else command
@@ -67,7 +71,7 @@ def installing(extra: str) -> str:
     return f"uv sync --extra {extra}" if _CLONE else f"pip install 'minirobots[{extra}]'"
 
 
-def shown(value: object) -> str:
+def shorten(value: object) -> str:
     """Return a value as messages have it: shortened, on one line."""
     return " ".join(reprlib.repr(value).split())
 

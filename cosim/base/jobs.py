@@ -12,8 +12,8 @@ from typing import Annotated, Any, Generic, Literal, NamedTuple, Protocol, TypeV
 
 import tyro
 
-from cosim.base.arguments import take_fields, taken
-from cosim.base.command import Jobs, require_at_least, workers
+from cosim.base.arguments import validate_argument, validate_fields
+from cosim.base.command import BudgetMinutes, Jobs, workers
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent, under_way
 
@@ -23,10 +23,6 @@ _GROUPS = 4  # at least, for each worker, so that none waits long for the last o
 _CLUSTER = 64  # workers that a cluster at an address is taken to have
 
 
-class BackendError(UserError):
-    """Unavailable backend. The message names the fix."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Workers:
     """Place where jobs are computed; the results do not depend on it."""
@@ -34,20 +30,20 @@ class Workers:
     jobs: Jobs = -1
     backend: Backend = "threads"
     """Where it is computed: threads or processes (loky) of this machine, or a Dask or Ray cluster
-    (extras); see docs/cluster.md."""
+    (extras); see docs/studies.md."""
     address: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     """Address of the cluster's head; without it Ray and Dask start on this machine."""
 
     def __post_init__(self) -> None:
-        take_fields(self)
+        validate_fields(self)
         if self.jobs != -1:  # counting the cores is slow to import
             workers(self.jobs)
         if self.address is not None and self.backend not in {"ray", "dask"}:
-            raise BackendError(
+            raise UserError(
                 f"--address has no effect with --backend {self.backend}; name ray or dask"
             )
         if self.address is not None and self.backend == "dask" and self.jobs != -1:
-            raise BackendError(
+            raise UserError(
                 "--jobs has no effect on a Dask cluster with an --address; leave it out"
             )
 
@@ -57,7 +53,8 @@ class Workers:
         return _CLUSTER if self.address is not None else workers(self.jobs)
 
 
-PROCESSES = Workers(backend="loky")
+Where = Annotated[Workers, tyro.conf.OmitArgPrefixes]  # as an option
+THREADS, PROCESSES = Workers(), Workers(backend="loky")
 
 
 class KeyedJob(Protocol):
@@ -113,8 +110,7 @@ def until(budget_minutes: float | None) -> Callable[[], bool]:
     Raises:
         UserError: the budget is negative or no number.
     """
-    budget_minutes = taken("budget_minutes", budget_minutes, float | None)
-    require_at_least(0, budget_minutes=budget_minutes)
+    budget_minutes = validate_argument("budget_minutes", budget_minutes, BudgetMinutes)
     end = math.inf if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
     return lambda: time.monotonic() < end
 

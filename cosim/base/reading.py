@@ -1,7 +1,7 @@
 """Files read back: their content, or a one-line error that names the fault.
 
 Whatever a file is (missing, a folder, a device, cut off, bits flipped, made by another program),
-reading it ends in its reader's own error. Memory is taken for what the file holds, not for what it
+reading it ends in a FileError. Memory is taken for what the file holds, not for what it
 claimed.
 """
 
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from cosim.base.errors import UserError
+from cosim.base.errors import FileError
 
 _OTHER_THAN_FILES = {
     stat.S_IFDIR: "folder",
@@ -45,39 +45,37 @@ class Kind(NamedTuple):
     Attributes:
         name: what messages call it, such as "policy file".
         fix: what to do if it cannot be read, such as "train it again".
-        error: raised if it cannot be read.
     """
 
     name: str
     fix: str
-    error: type[UserError]
 
 
 def require_file(path: Path, kind: Kind) -> None:
     """Refuse a path that is not a file.
 
     Raises:
-        UserError: `kind.error`, which says what it is.
+        FileError: it says what it is.
     """
     try:
         mode = path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
-        raise kind.error(f"{path}: no such {kind.name}; {kind.fix}") from None
+        raise FileError(f"{path}: no such {kind.name}; {kind.fix}") from None
     except OSError as error:
-        raise kind.error(f"{path}: {error.strerror}; {kind.fix}") from error
+        raise FileError(f"{path}: {error.strerror}; {kind.fix}") from error
     if not stat.S_ISREG(mode):
         what = _OTHER_THAN_FILES.get(stat.S_IFMT(mode), "special file")
-        raise kind.error(f"{path}: a {what}, no {kind.name}; {kind.fix}")
+        raise FileError(f"{path}: a {what}, no {kind.name}; {kind.fix}")
     if not os.access(path, os.R_OK):
-        raise kind.error(f"{path}: you may not read it; change its permissions or {kind.fix}")
-    refuse_pointer(path, kind.error)
+        raise FileError(f"{path}: you may not read it; change its permissions or {kind.fix}")
+    refuse_pointer(path)
 
 
-def refuse_pointer(path: Path, error: type[UserError]) -> None:
-    """Refuse a file that only points to one in Git LFS; raises UserError, `error`."""
+def refuse_pointer(path: Path) -> None:
+    """Refuse a file that only points to one in Git LFS; raises FileError."""
     with path.open("rb") as file:
         if file.read(len(_LFS)) == _LFS:
-            raise error(f"{path}: a pointer of Git LFS, not the file; run `git lfs pull`")
+            raise FileError(f"{path}: a pointer of Git LFS, not the file; run `git lfs pull`")
 
 
 @contextlib.contextmanager
@@ -85,22 +83,22 @@ def parsing(path: Path, kind: Kind) -> Iterator[None]:
     """Report any failure inside as a fault of the file's content.
 
     Raises:
-        UserError: `kind.error`, which names the file and what failed.
+        FileError: it names the file and what failed.
     """
     try:
         yield
-    except kind.error:
+    except FileError:
         raise
     except Exception as error:
         reason = f"lacks {error}" if isinstance(error, KeyError) else error or type(error).__name__
-        raise kind.error(f"{path}: not a {kind.name} or damaged ({reason}); {kind.fix}") from error
+        raise FileError(f"{path}: not a {kind.name} or damaged ({reason}); {kind.fix}") from error
 
 
 def read_bytes(path: Path, kind: Kind) -> bytes:
     """Content of a file.
 
     Raises:
-        UserError: `kind.error`.
+        FileError: it cannot be read.
     """
     require_file(path, kind)
     with parsing(path, kind):
@@ -118,7 +116,7 @@ def read_json(path: Path, kind: Kind, form: Any = Any) -> Any:
         form: type that the value must have, as msgspec takes it.
 
     Raises:
-        UserError: `kind.error`.
+        FileError: it cannot be read.
     """
     content = read_bytes(path, kind)
     with parsing(path, kind):
@@ -129,7 +127,7 @@ def read_toml(path: Path, kind: Kind) -> dict[str, Any]:
     """Tables of a TOML file, which users write: errors name the line.
 
     Raises:
-        UserError: `kind.error`.
+        FileError: it cannot be read.
     """
     content = read_bytes(path, kind)
     for number, line in enumerate(content.splitlines(), 1):
@@ -137,14 +135,14 @@ def read_toml(path: Path, kind: Kind) -> dict[str, Any]:
         parts = re.split(rb"([=\]{,\[])", line)
         for part, end in itertools.pairwise(parts):
             if end in {b"=", b"]"} and part.count(b".") >= MAX_KEY_PARTS:
-                raise kind.error(
+                raise FileError(
                     f"{path}: line {number} has a key of more than {MAX_KEY_PARTS} parts; "
                     "correct that line"
                 )
     try:
         return tomllib.loads(content.decode("utf-8-sig"))  # Windows editors begin files with a mark
     except (ValueError, RecursionError) as error:
-        raise kind.error(f"{path}: not a TOML file ({error}); fix that line") from error
+        raise FileError(f"{path}: not a TOML file ({error}); fix that line") from error
 
 
 def read_arrays(path: Path, kind: Kind, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -156,7 +154,7 @@ def read_arrays(path: Path, kind: Kind, names: Sequence[str]) -> dict[str, np.nd
         names: of the arrays that it must have.
 
     Raises:
-        UserError: `kind.error`.
+        FileError: it cannot be read.
     """
     require_file(path, kind)
     with parsing(path, kind), zipfile.ZipFile(path) as archive:

@@ -19,8 +19,8 @@ from typing import IO, Any, BinaryIO, TypeVar
 import msgspec
 from filelock import FileLock
 
-from cosim.base.arguments import taken
-from cosim.base.errors import UserError
+from cosim.base.arguments import validate_argument
+from cosim.base.errors import FileError
 
 try:
     import fcntl
@@ -35,10 +35,6 @@ _YOUNG_S = 60.0  # in which a new folder is locked
 _LOCK = threading.Lock()
 CACHE = "MINIROBOTS_CACHE"  # environment variable with another folder of the cache
 PACKAGED = Path(__file__).parents[1] / "packaged"  # results of the default configuration, by kind
-
-
-class StorageError(UserError):
-    """Invalid place for a file. The message names it and how to fix it."""
 
 
 def cache_dir(kind: str) -> Path:
@@ -59,7 +55,7 @@ def lock_of(path: Path) -> FileLock:
     """Lock of a cached file or folder between processes, to be entered; ends with its process.
 
     Raises:
-        StorageError: the cache cannot be written.
+        FileError: the cache cannot be written.
     """
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -68,9 +64,9 @@ def lock_of(path: Path) -> FileLock:
 
 
 def require_cache(folder: Path) -> None:
-    """Refuse a folder of the cache where nothing can be written; raises StorageError."""
+    """Refuse a folder of the cache where nothing can be written; raises FileError."""
     if not os.access(folder, os.W_OK):
-        raise StorageError(
+        raise FileError(
             f"{folder}: the cache cannot be written; set {CACHE} to a folder that can be"
         )
 
@@ -93,12 +89,12 @@ def lock_alone(file: int | IO[bytes], path: Path) -> None:
     """Lock an open file or folder until it is closed, where its file system has locks.
 
     Raises:
-        StorageError: another process has it locked; the message names `path`.
+        FileError: another process has it locked; the message names `path`.
     """
     try:
         lock_open(file, wait=False)
     except BlockingIOError:
-        raise StorageError(
+        raise FileError(
             f"{path}: another run writes to it; wait until that ends, or choose another --out"
         ) from None
     except OSError:
@@ -106,11 +102,11 @@ def lock_alone(file: int | IO[bytes], path: Path) -> None:
 
 
 @contextlib.contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Make a folder if it is missing, and keep other runs out of it until the end.
 
     Raises:
-        StorageError: another run is in it.
+        FileError: another run is in it.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as stack:
@@ -145,7 +141,7 @@ def load_or_create(
         make: makes and writes it.
 
     Raises:
-        StorageError: it is missing, and the cache cannot be written.
+        FileError: it is missing, and the cache cannot be written.
     """
     found = load()
     if found is None:
@@ -174,7 +170,7 @@ def cached(
         again: make it even if it is there.
 
     Raises:
-        StorageError: a folder is in the file's place, or the cache cannot be written.
+        FileError: a folder is in the file's place, or the cache cannot be written.
     """
     require_no_folder(path)
 
@@ -220,10 +216,10 @@ def require_no_folder(path: Path) -> None:
     """Refuse a folder where a file is to be.
 
     Raises:
-        StorageError: there is one.
+        FileError: there is one.
     """
     if path.is_dir():
-        raise StorageError(f"{path}: a folder is where this file goes; move it away")
+        raise FileError(f"{path}: a folder is where this file goes; move it away")
 
 
 @contextlib.contextmanager
@@ -234,7 +230,7 @@ def replacing(path: Path) -> Iterator[Path]:
     killed process left of its temporary file is removed by the next one that writes the same.
 
     Raises:
-        StorageError: a folder is in the file's place.
+        FileError: a folder is in the file's place.
     """
     require_no_folder(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -277,15 +273,15 @@ def _folder_of_process() -> "tempfile.TemporaryDirectory[str]":
     return folder
 
 
-def named(path: Path | str, ending: str) -> Path:
+def require_suffix(path: Path | str, ending: str) -> Path:
     """Return the path of a file to write; programs find its kind by its `ending`.
 
     Raises:
-        StorageError: its name ends otherwise.
+        FileError: its name ends otherwise.
     """
-    file: Path = taken("path", path, Path)
+    file: Path = validate_argument("path", path, Path)
     if file.suffix != ending:
-        raise StorageError(f"{file}: its name must end in {ending}; choose {file.stem}{ending}")
+        raise FileError(f"{file}: its name must end in {ending}; choose {file.stem}{ending}")
     return file
 
 

@@ -40,10 +40,10 @@ def field(name: str, form: str = "{}", heading: str | None = None) -> Column:
         heading: of the column, by default the name.
     """
     title = name.replace("_", " ") if heading is None else heading
-    return Column(title, lambda row: known(getattr(row, name), form))
+    return Column(title, lambda row: format_value(getattr(row, name), form))
 
 
-def known(value: Any, form: str) -> str:
+def format_value(value: Any, form: str) -> str:
     """Return a value in a format, a dash for None."""
     return "–" if value is None else form.format(value)
 

@@ -74,7 +74,7 @@ def calibrated_slower(
     Args: as of `find_calibration`.
 
     Raises:
-        CalibrationError: they do not move.
+        UserError: they do not move.
         FmuError: the FMU cannot be used, or failed.
     """
     config = with_motor(config, motor_fmu)
@@ -93,7 +93,7 @@ def calibrated(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
     Args: as of `find_calibration`.
 
     Raises:
-        CalibrationError: the drive speed needs hopping.
+        UserError: the drive speed needs hopping.
         FmuError: the FMU cannot be used, or failed.
     """
     config = with_motor(config, motor_fmu)

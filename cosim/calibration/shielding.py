@@ -7,10 +7,10 @@ from pathlib import Path
 
 import msgspec
 
+from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, write_json
-from cosim.calibration.speed_map import CalibrationError
 from cosim.calibration.stopping import RESERVE, SLIDES, stopping_distance
 from cosim.calibration.straying import best_filter
 from cosim.coupling.fmu import MotorFmu
@@ -70,7 +70,7 @@ def with_stopping_distance(
     slippery one, and across their edges. So is the error of estimates where there is a camera.
 
     Raises:
-        CalibrationError: robots do not come to rest, or estimates are so bad that robots would
+        UserError: robots do not come to rest, or estimates are so bad that robots would
             stop too far from each other.
         FmuError: the FMU cannot be used, or failed.
     """
@@ -84,7 +84,7 @@ def with_stopping_distance(
     bound_m, creep_m_s = map(max, zip(*stops, strict=True))
     stopping_m = math.ceil(1e6 * RESERVE * bound_m) / 1e6
     if creep_m_s * config.timing.episode_limit_s > stopping_m - bound_m:
-        raise CalibrationError(SLIDES.format(f"on, by {3.6e6 * creep_m_s:.2g} mm in an hour"))
+        raise UserError(SLIDES.format(f"on, by {3.6e6 * creep_m_s:.2g} mm in an hour"))
     config = replace(config, shield=shield).having("measured", stopping_m=stopping_m)
     if not world.camera.rate_hz:
         return config
@@ -99,7 +99,7 @@ def with_stopping_distance(
     assert config.shield is not None
     gap_m = stopping_gap(math.sqrt(2.0) * deviation_m, config.shield)
     if gap_m > MOST_GAP * config.robot.diameter_m:
-        raise CalibrationError(
+        raise UserError(
             f"positions are too uncertain in this world: the shield stops robots {1e3 * gap_m:.0f} "
             f"mm apart, more than {MOST_GAP:g} of their diameter; leave out --shield, or change "
             "world.sensor, world.floor_tilt_deg or world.mu_patches"

@@ -29,10 +29,6 @@ LEAST_M_S = 5e-5  # assumed: below, a cell takes minutes, and robots count as no
 _WEAK = 0.9  # of the largest set point: below, motors do not follow it
 
 
-class CalibrationError(UserError):
-    """A speed that the robot cannot keep; the message names the largest possible one."""
-
-
 @dataclass(frozen=True)
 class Curve:
     """One manoeuvre over motor speed, at equal speeds of both motors."""
@@ -85,7 +81,7 @@ class Calibration:
         where feet bounce.
 
         Raises:
-            CalibrationError: they hop at every speed.
+            UserError: they hop at every speed.
         """
         share = BOUNCING_SHARE if self.restitution > 0.0 else 0.0
         return min(_hop_free(self.curve(manoeuvre), share) for manoeuvre in MANOEUVRES)
@@ -103,18 +99,18 @@ class Calibration:
             mu: friction coefficient, for the message.
 
         Raises:
-            CalibrationError: the fastest is slower than `LEAST_M_S`; says whether the motors are
+            UserError: the fastest is slower than `LEAST_M_S`; says whether the motors are
                 too weak.
         """
         if min(self.largest(drive) for drive in DRIVES) >= LEAST_M_S:
             return
         reached, asked = (np.abs(v).max() for v in (self.omega_rad_s, self.set_points_rad_s))
         if reached < _WEAK * asked:
-            raise CalibrationError(
+            raise UserError(
                 f"the motors are too weak to move the robot: they reach {reached:.0f} of "
                 f"{asked:.0f} rad/s; give stronger ones by --motor-fmu or --motor-parameter"
             )
-        raise CalibrationError(
+        raise UserError(
             f"with mu = {mu:g} robots drive less than {1e3 * LEAST_M_S:g} mm/s at any motor "
             "speed; change the preset, friction or motor parameters"
         )
@@ -125,18 +121,18 @@ class Calibration:
         Of several motor speeds that realise it, the slowest.
 
         Raises:
-            CalibrationError: the robot would hop, or is slower than any trial.
+            UserError: the robot would hop, or is slower than any trial.
         """
         curve = self.curve(manoeuvre)
         largest = self.largest(manoeuvre)
         factor, unit = (1e3, "mm/s") if manoeuvre in DRIVES else (180.0 / np.pi, "°/s")
         if value > largest:
-            raise CalibrationError(
+            raise UserError(
                 f"{factor * value:.3g} {unit} {manoeuvre} would make the robot hop; the largest "
                 f"possible is {np.floor(100.0 * factor * largest) / 100.0:.2f} {unit}"
             )
         if value < curve.mean[0]:
-            raise CalibrationError(
+            raise UserError(
                 f"{factor * value:.3g} {unit} {manoeuvre} is less than the map of speeds has; the "
                 f"least is {np.ceil(100.0 * factor * curve.mean[0]) / 100.0:.2f} {unit}"
             )
@@ -149,13 +145,13 @@ class Calibration:
         A turn rate beyond the largest becomes the largest: turning more slowly only takes longer.
 
         Raises:
-            CalibrationError: the drive speed needs hopping.
+            UserError: the drive speed needs hopping.
         """
         self.require_motion(config.robot.mu)
         steering = config.steering
         largest = min(self.largest(drive) for drive in DRIVES)
         if steering.drive_speed_m_s > largest:
-            raise CalibrationError(
+            raise UserError(
                 f"a drive speed of {1e3 * steering.drive_speed_m_s:.3g} mm/s would make the robot "
                 f"hop; the largest possible is {np.floor(1e5 * largest) / 100.0:.2f} mm/s"
             )
@@ -163,7 +159,7 @@ class Calibration:
         sides = ("left", "right")
         largest_rate = min(self.largest(side) for side in sides)
         if largest_rate < max(self.curve(side).mean[0] for side in sides):
-            raise CalibrationError(
+            raise UserError(
                 f"robots of diameter_m = {config.robot.diameter_m:g} hop at every motor speed that "
                 "turns them; make them larger, or change the preset, friction or motor parameters"
             )
@@ -190,7 +186,7 @@ class Calibration:
 def _hop_free(curve: Curve, share: float) -> float:
     hops = curve.omega_rad_s[curve.airborne_share > share].min(initial=np.inf)
     if hops == curve.omega_rad_s[0]:
-        raise CalibrationError(
+        raise UserError(
             f"the robot hops at every motor speed from {hops:.0f} rad/s; choose less restitution "
             "for the world, or a heavier robot"
         )
@@ -201,7 +197,7 @@ def load_calibration(path: Path) -> Calibration:
     """Trials of a file.
 
     Raises:
-        CalibrationError: it is missing or damaged.
+        UserError: it is missing or damaged.
     """
-    kind = Kind("calibration", "make it with `minirobots calibrate`", CalibrationError)
+    kind = Kind("calibration", "make it with `minirobots calibrate`")
     return Calibration(**read_arrays(path, kind, [field.name for field in fields(Calibration)]))

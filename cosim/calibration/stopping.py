@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from cosim.calibration.speed_map import CalibrationError
+from cosim.base.errors import UserError
 from cosim.calibration.trial import Trial
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
@@ -132,11 +132,11 @@ def stopping_distance(config: CoSimConfig, fmu: MotorFmu) -> tuple[float, float]
     """Return the bound on the stopping distance in m, and the creep of held robots in m/s.
 
     Raises:
-        CalibrationError: robots do not come to rest.
+        UserError: robots do not come to rest.
     """
     found = [stopping_paths(config, fmu, ROBOTS, seed) for seed in range(TRIALS)]
     if max(stops.rest_s.max() for stops in found) > 0.9 * _slower(config) * REST_S:
-        raise CalibrationError(SLIDES.format("on"))
+        raise UserError(SLIDES.format("on"))
     bound_m = bound_of(np.concatenate([stops.path_m for stops in found]))
     return bound_m, float(max(stops.creep_m_s.max() for stops in found))
 

@@ -27,7 +27,7 @@ from cosim.onboard.camera import (
     draw_sight,
     frames_in_flight,
     frames_within,
-    look,
+    update_estimate,
 )
 from cosim.onboard.estimation import ESTIMATE_SIZE, ODOMETRY, POSE
 from cosim.onboard.shield import variance_of
@@ -107,7 +107,7 @@ def _replay(
             for k in range(4):
                 estimate[ODOMETRY + k] = tracks.commanded[period, robot, k]
             pose = tracks.poses[period, robot]
-            look(own, frames, estimate, sight, (pose[0], pose[1], pose[2]), params)
+            update_estimate(own, frames, estimate, sight, (pose[0], pose[1], pose[2]), params)
             if period % every == 0:
                 row = found[period // every, robot]
                 row[0], row[1] = estimate[POSE] - pose[0], estimate[POSE + 1] - pose[1]

@@ -61,7 +61,7 @@ class NotFiniteError(UserError):
         super().__init__(f"{self.signal} of robot {self.column + 1} is {value} after tick {tick}")
         self.value = value
 
-    def named(self, robot: str, time_s: float) -> "NotFiniteError":
+    def locate(self, robot: str, time_s: float) -> "NotFiniteError":
         """Return a copy of this error that names the robot and the simulated time."""
         self.args = (
             f"{self.signal} of {robot} is {self.value} at {time_s:.5f} s of simulated time; choose "

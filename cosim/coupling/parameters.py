@@ -3,9 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
+from cosim.base.arguments import ConfigError
 from cosim.base.provenance import digest_of
 from cosim.coupling.fmu import FmuError, MotorFmu
-from cosim.model.config import UNKNOWN, ConfigError, CoSimConfig
+from cosim.model.config import UNKNOWN, CoSimConfig
 from cosim.model.params import TABLE_II, MotorParams, lift_off_speed
 from fmus.build import is_built_in
 

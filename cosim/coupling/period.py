@@ -7,7 +7,7 @@ import numpy as np
 from cosim.base.jit import inlined
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import LANDING, MOTORS, State
-from cosim.onboard.camera import INTERVAL, look
+from cosim.onboard.camera import INTERVAL, update_estimate
 from cosim.onboard.estimation import POSE, take_command
 from cosim.onboard.shield import Ground, guard
 from cosim.onboard.steering import SPEED, YAW_RATE, steer
@@ -114,7 +114,9 @@ def _look(plant: Plant, state: State, column: int) -> None:
     body, camera, sight = state.bodies[:, column], state.cameras[column], state.sight[:, column]
     pose = (body[X], body[Y], heading(orientation_of(body), plant.portable))
     estimate = state.estimates[column]
-    look(camera, state.frames[column], estimate, sight, pose, plant.estimator, plant.portable)
+    update_estimate(
+        camera, state.frames[column], estimate, sight, pose, plant.estimator, plant.portable
+    )
 
 
 @inlined

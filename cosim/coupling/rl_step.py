@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from cosim.base.errors import UserError, shown
+from cosim.base.errors import UserError, shorten
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.outcome import Outcome
 from cosim.onboard.features import DIRECTION_COUNT, Observation
@@ -29,7 +29,7 @@ def sampled_of(robots: int, named: Sequence[int] = ()) -> tuple[int, ...]:
     if not named:
         return tuple(range(robots if robots <= SAMPLED else SOME))
     if len(set(named)) < len(named) or not 1 <= min(named) <= max(named) <= robots:
-        raise UserError(f"signals = {shown(named)} must name different robots from 1 to {robots}")
+        raise UserError(f"signals = {shorten(named)} must name different robots from 1 to {robots}")
     return tuple(number - 1 for number in named)
 
 
@@ -76,7 +76,7 @@ def decide(policy: SupportsAct, observation: Observation) -> Decision:
         values, shape = parts.values, (len(observation.cells), DIRECTION_COUNT)
         if getattr(values, "shape", ()) != shape or values.dtype.kind not in "fiu":
             raise UserError(
-                f"the policy returned values = {shown(values)}; expected {shape[0]} x {shape[1]} "
+                f"the policy returned values = {shorten(values)}; expected {shape[0]} x {shape[1]} "
                 "numbers, the value of every direction for each robot"
             )
     copied: Any = [p.copy() if isinstance(p, np.ndarray | list) else p for p in parts]

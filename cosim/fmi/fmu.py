@@ -68,7 +68,7 @@ class Fmu:
             raise FmuError(
                 f"{said} does not exist or is a folder; check the path given by --motor-fmu"
             )
-        refuse_pointer(path, FmuError)
+        refuse_pointer(path)
         try:
             self.folder = _unpack(path)
             self.description = _read_description(self.folder, said)

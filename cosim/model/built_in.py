@@ -39,7 +39,7 @@ def _named(*scenarios: Scenario) -> dict[str, Scenario]:
     return {scenario.name: scenario for scenario in scenarios}
 
 
-# Fig. 5; target cells are read from the figure (assumed), see docs/decisions.md.
+# Fig. 5; target cells are read from the figure (assumed), see docs/paper.md.
 PAPER = _named(
     Scenario("1a", "one robot from the upper side", ((15, 18),), (_TOP,)),
     Scenario("1b", "one robot from any border cell", ((15, 18),), (_BORDER,)),

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 
 import msgspec
 
-from cosim.base.arguments import ConfigError, require_one_of, taken
+from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.model.params import (
     ESTIMATOR,
     SHIELD,
@@ -116,13 +116,15 @@ class CoSimConfig:
         require_one_of("on_collision", self.on_collision, get_args(OnCollision))
         for loop in self.open_loop:
             require_one_of("open_loop", loop, get_args(Loop))
-        taken("shield", self.shield, ShieldParams | None)
+        validate_argument("shield", self.shield, ShieldParams | None)
         for part in _RECORDS:
             record = getattr(self, part)
             if record is None:
                 continue
             if any(type(value) is not float for value in record):
-                record = type(record)(*(taken(n, v, float) for n, v in record._asdict().items()))
+                record = type(record)(
+                    *(validate_argument(n, v, float) for n, v in record._asdict().items())
+                )
                 object.__setattr__(self, part, record)
             for name, value in record._asdict().items():
                 if name not in _SIGNED and not 0.0 <= value <= MAX_VALUE:

@@ -16,8 +16,8 @@ import msgspec
 
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
-from cosim.base.storage import named, replacing
-from cosim.model.config import UNKNOWN, ConfigError, CoSimConfig
+from cosim.base.storage import replacing, require_suffix
+from cosim.model.config import UNKNOWN, CoSimConfig
 from cosim.model.params import (
     STEERING,
     TABLE_I,
@@ -28,7 +28,7 @@ from cosim.model.params import (
     lift_off_speed,
 )
 from cosim.model.scenario import Scenario
-from cosim.model.world import IDEAL, Sensor, World, WorldError, parameter_name
+from cosim.model.world import IDEAL, Sensor, World, parameter_name
 
 PAPER = "paper"
 # Fields of a world that a machine brings along; the others are of the table that it stands on.
@@ -37,11 +37,7 @@ _SIZE = ("diameter_m", "foot_radius_m", "motor_radius_m")
 _FOLDER = Path(__file__).parent
 
 
-class PresetError(UserError):
-    """Invalid preset. The message names the table, the field and how to fix it."""
-
-
-_FILE = Kind("preset file", "check the path", PresetError)
+_FILE = Kind("preset file", "check the path")
 
 
 class Preset(NamedTuple):
@@ -69,7 +65,11 @@ class Preset(NamedTuple):
         Motor speeds of the steering are those of the paper's robot, as shares of lift-off. What the
         world states overrides what the machine brings along.
         """
-        sources = {n: text for table in ("robot", "motor") for n, text in self.said(table).items()}
+        sources = {
+            n: text
+            for table in ("robot", "motor")
+            for n, text in self.stated_sources(table).items()
+        }
         machine = CoSimConfig(
             robot=self.robot,
             motor=self.motor,
@@ -79,10 +79,10 @@ class Preset(NamedTuple):
         )
         share = machine.lift_off_rad_s / lift_off_speed(TABLE_I, TABLE_II)
         config = replace(machine, steering=_steering(share)).in_world(self.in_world(world))
-        brought = self.said("world") | self.said("world.sensor")
+        brought = self.stated_sources("world") | self.stated_sources("world.sensor")
         return config.sourced({n: t for n, t in brought.items() if n not in world.stated})
 
-    def said(self, table: str) -> dict[str, str]:
+    def stated_sources(self, table: str) -> dict[str, str]:
         """Return the source of every value of a table that the machine states, by parameter."""
         record, usual, names = _TABLES[table]
         own = {
@@ -101,9 +101,9 @@ class Preset(NamedTuple):
         stated_m, own_m = scenario.robot_diameter_m, self.robot.diameter_m
         if stated_m is None and own_m != scenario.diameter_m:
             return replace(scenario, robot_diameter_m=own_m)
-        size = [n for n in self.said("robot") if n in _SIZE]
+        size = [n for n in self.stated_sources("robot") if n in _SIZE]
         if scenario.diameter_m != own_m and size:
-            raise PresetError(
+            raise UserError(
                 f"preset {self.name} states {' and '.join(size)} of a machine of diameter_m = "
                 f"{own_m:g}, but scenario {scenario.name} has robot_diameter_m = {stated_m:g}; "
                 "leave it out of the scenario, or choose another machine"
@@ -121,13 +121,13 @@ class Preset(NamedTuple):
 
     def save(self, path: str | Path) -> None:
         """Write a file that `find_preset` reads: what the machine states, with sources."""
-        with replacing(named(path, ".toml")) as temporary:
+        with replacing(require_suffix(path, ".toml")) as temporary:
             temporary.write_text("\n".join(self._lines()) + "\n", encoding="utf-8")
 
     def _lines(self) -> Iterator[str]:
         yield f"source = {_text(self.source)}"
         for table, (record, _, names) in _TABLES.items():
-            mine, said = record(self), self.said(table)
+            mine, said = record(self), self.stated_sources(table)
             own = {n: said[name] for n in names if (name := parameter_name(table, n)) in said}
             if own:
                 yield from ("", f"[{table}]")
@@ -157,7 +157,7 @@ def find_preset(name_or_path: str | Path | Preset) -> Preset:
             is.
 
     Raises:
-        PresetError: there is none, it is no TOML, or no such machine can be; the message names the
+        UserError: there is none, it is no TOML, or no such machine can be; the message names the
             field.
     """
     if isinstance(name_or_path, Preset):
@@ -168,14 +168,15 @@ def find_preset(name_or_path: str | Path | Preset) -> Preset:
     elif name.endswith(".toml"):
         path = Path(name)
     else:
-        raise PresetError(
+        raise UserError(
             f"unknown preset '{name}'; choose one of {', '.join(built_in())} or name a .toml file"
         )
+    content = read_toml(path, _FILE)
     try:
-        preset = _preset(path.stem, read_toml(path, _FILE))
+        preset = _preset(path.stem, content)
         preset.config()
-    except (ConfigError, WorldError, _FieldError) as error:
-        raise PresetError(f"{path}: {error}") from None
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
     return preset
 
 
@@ -185,15 +186,11 @@ def _steering(share: float) -> SteeringParams:
     return STEERING._replace(**{name: share * getattr(STEERING, name) for name in speeds})
 
 
-class _FieldError(ValueError):
-    """A field that no preset has, or not with such a value."""
-
-
 def _preset(name: str, file: dict[str, Any]) -> Preset:
     rest = dict(file)
     source = rest.pop("source", "")
     if not isinstance(source, str):
-        raise _FieldError("source: give a text")
+        raise UserError("source: give a text")
     tables = {table: _taken(rest, table) for table in ("robot", "motor", "world")}
     _refuse_unknown("", rest, ("source", "robot", "motor", "world"))
     tables["world.sensor"] = _taken(tables["world"], "sensor", "world.")
@@ -204,7 +201,7 @@ def _preset(name: str, file: dict[str, Any]) -> Preset:
         _refuse_unknown(f"{table}.", content, _TABLES[table][2])
         texts = dict.fromkeys(content, said) if isinstance(said, str) else said
         if not isinstance(texts, dict) or not all(isinstance(t, str) for t in texts.values()):
-            raise _FieldError(f"{table}.source: give a text, or a table with a text for each value")
+            raise UserError(f"{table}.source: give a text, or a table with a text for each value")
         _refuse_unknown(f"{table}.source.", texts, tuple(content))
         values[table] = {field: _number(f"{table}.{field}", v) for field, v in content.items()}
         texts = dict.fromkeys(content, f"preset {name}") | texts
@@ -224,25 +221,25 @@ def _taken(content: dict[str, Any], table: str, where: str = "") -> dict[str, An
     """A table that is taken out of another one."""
     taken = content.pop(table, {})
     if not isinstance(taken, dict):
-        raise _FieldError(f"{where}{table}: give a table [{where}{table}]")
+        raise UserError(f"{where}{table}: give a table [{where}{table}]")
     return dict(taken)
 
 
 def _refuse_unknown(where: str, content: Mapping[str, Any], known: tuple[str, ...]) -> None:
     for name in content:
         if name not in known:
-            raise _FieldError(
+            raise UserError(
                 f"{where}{name} is unknown to presets; choose from {', '.join(known) or 'nothing'}"
             )
 
 
 def _number(field: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _FieldError(f"{field} = {value!r} is not a number; give one")
+        raise UserError(f"{field} = {value!r} is not a number; give one")
     try:
         return float(value)
     except OverflowError:
-        raise _FieldError(f"{field} is larger than any float; give a smaller number") from None
+        raise UserError(f"{field} is larger than any float; give a smaller number") from None
 
 
 def _text(text: str) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.arguments import take_fields
+from cosim.base.arguments import validate_fields
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
 from cosim.model.params import TABLE_I
@@ -27,10 +27,6 @@ MAX_SIDE_CELLS = 500  # a robot's table of such a board takes 72 MB
 MAX_CELL_M = 1.0
 MAX_ROBOTS = 4096  # of which state and samples take some 0.5 GB
 MAX_WALLS = 1000  # rectangles that the dynamics look at one by one
-
-
-class ScenarioError(UserError):
-    """Invalid scenario. The message names the field and how to fix it."""
 
 
 def touches_obstacle(x: Any, y: Any, squared_radius: Any, obstacles: np.ndarray) -> Any:
@@ -80,7 +76,7 @@ class Scenario:
             machine's, which is that of Table I on the grid alone.
 
     Raises:
-        ScenarioError: a size is not positive, a cell is off the board, a robot would touch an
+        UserError: a size is not positive, a cell is off the board, a robot would touch an
             obstacle at its start or target, or targets are closer than one diameter.
     """
 
@@ -97,10 +93,10 @@ class Scenario:
     zone_is_obstacle: bool = False
 
     def __post_init__(self) -> None:
-        take_fields(self, ScenarioError)
+        validate_fields(self)
         self._check_sizes()
         if len(self.targets) != len(self.starts) or not 1 <= self.robots <= MAX_ROBOTS:
-            raise ScenarioError(
+            raise UserError(
                 f"scenario {self.name}: targets and starts need one entry per robot, of 1 to "
                 f"{MAX_ROBOTS}, got {len(self.targets)} and {len(self.starts)}"
             )
@@ -110,18 +106,18 @@ class Scenario:
         for field, cells in fields.items():
             for x, y in cells:
                 if not (0 <= x < self.columns and 0 <= y < self.rows):
-                    raise ScenarioError(
+                    raise UserError(
                         f"scenario {self.name}: {field} has cell ({x}, {y}), which is off the "
                         f"{self.columns} x {self.rows} board; use 0 to {self.columns - 1} and "
                         f"0 to {self.rows - 1}"
                     )
             if not cells and field.startswith("starts"):
-                raise ScenarioError(f"scenario {self.name}: {field} is empty; give a start cell")
+                raise UserError(f"scenario {self.name}: {field} is empty; give a start cell")
         self._check_obstacles(fields)
         if touching := touching_pair(self.targets, self.squared_contact):
             j, i = touching
             a, b = self.targets[i], self.targets[j]
-            raise ScenarioError(
+            raise UserError(
                 f"scenario {self.name}: targets {b} and {a} of robots {j + 1} and {i + 1} "
                 f"are {100 * math.dist(a, b) * self.cell_m:.1f} cm apart; robots of "
                 f"{100 * self.diameter_m:.1f} cm do not both fit there; move them "
@@ -147,14 +143,14 @@ class Scenario:
         }
         for field, (valid, expected) in checks.items():
             if not valid:
-                raise ScenarioError(
+                raise UserError(
                     f"scenario {self.name}: {field} = {(vars(self) | sized)[field]} is not usable; "
                     f"give {expected}"
                 )
 
     def _check_obstacles(self, fields: dict[str, tuple[Cell, ...]]) -> None:
         if len(self.walls) > MAX_WALLS:
-            raise ScenarioError(
+            raise UserError(
                 f"scenario {self.name}: obstacles make {len(self.walls)} rectangles, more than "
                 f"{MAX_WALLS}; join or leave out some"
             )
@@ -163,7 +159,7 @@ class Scenario:
             x, y = 2 * np.array(cells).reshape(-1, 2).T + 1
             touching = np.flatnonzero(touches_obstacle(x, y, self.squared_contact, walls))
             if field != "obstacles" and len(touching):
-                raise ScenarioError(
+                raise UserError(
                     f"scenario {self.name}: {field} has cell {cells[touching[0]]}, where a robot "
                     f"of {100 * self.diameter_m:.1f} cm touches an obstacle; move one of them"
                 )
@@ -172,13 +168,13 @@ class Scenario:
         """Refuse starts in cells that no centre may enter, and on the robot's own target.
 
         Raises:
-            ScenarioError: it names the first of them.
+            UserError: it names the first of them.
         """
         taken = {*self.targets, *self._closed}
         for robot, cells in enumerate(self.starts):
             for cell in cells:
                 if cell in taken:
-                    raise ScenarioError(
+                    raise UserError(
                         f"scenario {self.name}: starts[{robot}] has cell {cell}, which is a target "
                         "or in the closed zone; choose a free cell"
                     )

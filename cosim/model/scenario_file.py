@@ -8,20 +8,21 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
-from cosim.base.arguments import taken
+from cosim.base.arguments import validate_argument
+from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_toml
 from cosim.model.built_in import BUILT_IN, filled, sides
 from cosim.model.params import TABLE_I
-from cosim.model.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
+from cosim.model.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario
 from cosim.model.swarm import BUILT_IN_SWARMS, Swarm, built_in_swarm, lay_out
-from cosim.model.world import IDEAL, Rectangle, World, WorldError
+from cosim.model.world import IDEAL, Rectangle, World
 
 ROUGH = Path(__file__).parent / "worlds" / "rough.toml"  # a world in which nothing is ideal
 MAX_CELLS = MAX_SIDE_CELLS**2  # of a list, before those that stand there twice are left out
 
-_FILE = Kind("scenario file", "check the path", ScenarioError)
+_FILE = Kind("scenario file", "check the path")
 _Form = TypeVar("_Form")
-_WORLD_FILE = Kind("world file", "check the path", WorldError)
+_WORLD_FILE = Kind("world file", "check the path")
 
 
 def find_scenario(name_or_path: str | Path | Scenario, *, ideal: bool = False) -> Scenario:
@@ -32,12 +33,12 @@ def find_scenario(name_or_path: str | Path | Scenario, *, ideal: bool = False) -
         ideal: refuse a world of its own, of which only obstacles would have an effect.
 
     Raises:
-        ScenarioError: there is no such scenario, or the file does not describe one.
-        WorldError: the world is invalid, or is refused.
+        UserError: there is no such scenario, or the file does not describe one.
+        UserError: the world is invalid, or is refused.
     """
     scenario, world = find_in_world(name_or_path)
     if ideal and msgspec.structs.replace(world, obstacles=()) != IDEAL:
-        raise WorldError(
+        raise UserError(
             f"{name_or_path}: its table [world] has no effect here, but for obstacles; leave it out"
         )
     return scenario
@@ -56,7 +57,7 @@ def find_in_world(
     name, own, declared = str(scenario), IDEAL, world
     if isinstance(declared, str | Path):
         declared = read_world(Path(declared))
-    declared = taken("world", declared, World | None, WorldError)
+    declared = validate_argument("world", declared, World | None)
     if isinstance(scenario, Scenario):
         pass
     elif name in BUILT_IN:
@@ -66,14 +67,14 @@ def find_in_world(
     elif name.endswith(".toml"):
         scenario, own = _read(Path(name))
     else:
-        raise ScenarioError(
+        raise UserError(
             f"unknown scenario '{name}'; choose one of {', '.join((*BUILT_IN, *BUILT_IN_SWARMS))} "
             "or name a .toml file"
         )
     if declared is None:
         declared = own
     elif own != IDEAL:
-        raise WorldError(f"{name} has a world of its own in addition to {world}; remove one")
+        raise UserError(f"{name} has a world of its own in addition to {world}; remove one")
     return in_world(scenario, declared), declared
 
 
@@ -82,7 +83,7 @@ def in_world(scenario: Scenario, world: World) -> Scenario:
     for patch in world.mu_patches:
         left, bottom, right, top = patch.cells
         if not (0 <= left <= right < scenario.columns and 0 <= bottom <= top < scenario.rows):
-            raise WorldError(
+            raise UserError(
                 f"world.mu_patches has {list(patch.cells)}, not a rectangle [first column, "
                 f"first row, last column, last row] of the {scenario.columns} x {scenario.rows} "
                 "board; give one on it"
@@ -106,9 +107,8 @@ def _converted(path: Path, kind: Kind, form: type[_Form]) -> _Form:
     try:
         return msgspec.convert(content, form)
     except msgspec.ValidationError as error:
-        raise kind.error(f"{path}: {_field_message(str(error))}") from error
-    except WorldError as error:
-        raise WorldError(f"{path}: {error}") from None
+        own = error.__cause__ if isinstance(error.__cause__, UserError) else None
+        raise UserError(f"{path}: {own or _field_message(str(error))}") from error
 
 
 _Index = Annotated[int, msgspec.Meta(ge=0, lt=MAX_SIDE_CELLS)]
@@ -145,7 +145,7 @@ def _read(path: Path) -> tuple[Scenario, World]:
     """
     file = _converted(path, _FILE, _ScenarioFile)
     if (file.swarm is None) == (not file.robots):
-        raise ScenarioError(
+        raise UserError(
             f"{path}: robots: give a table [[robots]] for each robot, or one table [swarm]"
         )
     if file.swarm is None:
@@ -156,8 +156,8 @@ def _read(path: Path) -> tuple[Scenario, World]:
             cells = diameter_m / file.cell_m if file.cell_m > 0.0 else math.inf
             cells = cells if 0.0 < cells < math.inf else 0.0  # refused by the scenario
             board = lay_out(file.swarm, cells, file.columns, file.rows, path.parent)
-        except ScenarioError as error:
-            raise ScenarioError(f"{path}: {error}") from None
+        except UserError as error:
+            raise UserError(f"{path}: {error}") from None
     scenario = Scenario(
         name=file.name or path.stem,
         title=file.title or path.name,
@@ -198,14 +198,14 @@ def _cells(field: str, items: Sequence[Sequence[int]]) -> tuple[Cell, ...]:
     for k, item in enumerate(items):
         left, bottom, right, top = (*item, *item)[:4] if len(item) in {2, 4} else (1, 1, 0, 0)
         if left > right or bottom > top:
-            raise ScenarioError(
+            raise UserError(
                 f"{field}[{k}]: {item} is neither a cell [x, y] nor a rectangle "
                 "[first column, first row, last column, last row]"
             )
         rectangles.append((left, bottom, right, top))
     cells = sum((r[2] - r[0] + 1) * (r[3] - r[1] + 1) for r in rectangles)
     if cells > MAX_CELLS:
-        raise ScenarioError(f"{field} lists {cells} cells, more than {MAX_CELLS}; leave out some")
+        raise UserError(f"{field} lists {cells} cells, more than {MAX_CELLS}; leave out some")
     return filled(*rectangles)
 
 

@@ -12,14 +12,15 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
+from cosim.base.errors import UserError
 from cosim.base.reading import Kind, parsing, read_bytes
 from cosim.model.built_in import filled
 from cosim.model.params import TABLE_I
-from cosim.model.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario, ScenarioError
+from cosim.model.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario
 
 FORMATIONS = ("swap", "across", "square")
 BUILT_IN_SWARMS = {f"swarm-{robots}": robots for robots in (16, 64, 256, 1024)}
-_TARGETS = Kind("file of target cells", "write a line `column,row` for each robot", ScenarioError)
+_TARGETS = Kind("file of target cells", "write a line `column,row` for each robot")
 
 
 class Swarm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -58,7 +59,7 @@ def lay_out(
     least = math.floor(diameter_cells + 1e-9) + 1  # at which robots do not touch
     side = math.isqrt(count - 1) + 1
     if spacing < least:
-        raise ScenarioError(
+        raise UserError(
             f"swarm.spacing = {spacing} lets robots of {diameter_cells:.3g} cells touch; give more"
         )
     across = swarm.targets in ("across", "square")
@@ -68,7 +69,7 @@ def lay_out(
     columns, rows = columns or width + spacing, rows or height + spacing
     for field, size, needed in (("columns", columns, width), ("rows", rows, height)):
         if not needed <= size <= MAX_SIDE_CELLS:
-            raise ScenarioError(
+            raise UserError(
                 f"{field} = {size}: {count} robots with swarm.spacing = {spacing} need {needed} "
                 f"cells, and boards have up to {MAX_SIDE_CELLS}; change one of these"
             )
@@ -89,7 +90,7 @@ def lay_out(
     else:
         targets = np.array(swarm.targets).reshape(-1, 2)
     if len(targets) != count:
-        raise ScenarioError(
+        raise UserError(
             f"swarm.targets has {len(targets)} cells for {count} robots; give one for each"
         )
     boxes = np.hstack([points - around, points + around]).clip(0).tolist()
@@ -101,7 +102,7 @@ def lay_out(
 def _read_targets(name: str, folder: Path) -> np.ndarray:
     """(M, 2) cells of a file."""
     if not name.endswith(".csv"):
-        raise ScenarioError(
+        raise UserError(
             f"swarm.targets = '{name}' is unknown; choose one of {', '.join(FORMATIONS)}, "
             "a list of cells, or a .csv file"
         )

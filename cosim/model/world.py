@@ -9,7 +9,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from cosim.base.arguments import take_fields
+from cosim.base.arguments import validate_fields
 from cosim.base.errors import UserError
 from cosim.model.params import MotorParams, Quantity
 
@@ -23,16 +23,12 @@ _WORLD_CHILD, CAMERA_CHILD = 1_000_000, 2_000_000  # of the camera's noise, the 
 DETOUR_CHILD = 3_000_000
 
 
-class WorldError(UserError):
-    """Invalid world; the message names the field and how to fix it."""
-
-
 class _Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def _require(self, where: str, **ranges: tuple[float, float]) -> None:
         for name, (low, high) in ranges.items():
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
-                raise WorldError(
+                raise UserError(
                     f"{where}.{name} = {value:g} is not usable; give {low:g} to {high:g}"
                 )
 
@@ -44,7 +40,7 @@ class Patch(_Record, frozen=True, forbid_unknown_fields=True):
     mu: float
 
     def __post_init__(self) -> None:
-        take_fields(self, WorldError)
+        validate_fields(self)
         self._require("world.mu_patches", mu=(0.0, 10.0))
 
 
@@ -66,7 +62,7 @@ class Sensor(_Record, frozen=True, forbid_unknown_fields=True):
     ] = 0.0
 
     def __post_init__(self) -> None:
-        take_fields(self, WorldError)
+        validate_fields(self)
         self._require(
             "world.sensor",
             rate_hz=(0.0, 1000.0),
@@ -77,7 +73,7 @@ class Sensor(_Record, frozen=True, forbid_unknown_fields=True):
         )
         for name in self.__struct_fields__:
             if self.rate_hz == 0.0 and getattr(self, name):
-                raise WorldError(
+                raise UserError(
                     f"world.sensor.{name} has no effect without a camera; give its rate_hz"
                 )
 
@@ -127,7 +123,7 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
     )
 
     def __post_init__(self) -> None:
-        take_fields(self, WorldError)
+        validate_fields(self)
         self._require(
             "world",
             mu=(0.0, 10.0),
@@ -138,19 +134,19 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
             payload_g=(0.0, 1000.0),
         )
         if len(self.mu_patches) > _MAX_PATCHES:
-            raise WorldError(
+            raise UserError(
                 f"world.mu_patches has {len(self.mu_patches)} patches, more than {_MAX_PATCHES}; "
                 "join or leave out some"
             )
         for name, most in (("motor_phases_deg", 360.0), ("payload_offset_mm", 1000.0)):
             for value in getattr(self, name):
                 if not -most <= value <= most:
-                    raise WorldError(
+                    raise UserError(
                         f"world.{name} has {value:g}, which is not usable; give {-most:g} to "
                         f"{most:g}"
                     )
         if any(self.payload_offset_mm) and not self.payload_g:
-            raise WorldError(
+            raise UserError(
                 "world.payload_offset_mm has no effect without a payload; give payload_g"
             )
 
@@ -253,7 +249,7 @@ def motor_phases(world: World, robots: int) -> np.ndarray:
     if not phases_deg:
         return np.full((robots, 2), np.nan)
     if len(phases_deg) != motors:
-        raise WorldError(
+        raise UserError(
             f"world.motor_phases_deg has {len(phases_deg)} angles, but the robots have {motors} "
             "motors; give one for each of r1.D, r1.E, r2.D, ..."
         )

@@ -61,7 +61,7 @@ def draw_sight(sensor: Sensor, rng: np.random.Generator, frames: int) -> np.ndar
 
 
 @inlined
-def look(
+def update_estimate(
     camera: np.ndarray,
     frames: np.ndarray,
     estimate: np.ndarray,

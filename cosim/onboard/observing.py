@@ -9,8 +9,9 @@ import math
 
 import numpy as np
 
+from cosim.base.errors import UserError
 from cosim.base.jit import inlined, kernel
-from cosim.model.scenario import Cell, Scenario, ScenarioError, touching_pair
+from cosim.model.scenario import Cell, Scenario, touching_pair
 from cosim.onboard.features import (
     DIRECTION_COUNT,
     DistanceThresholds,
@@ -87,7 +88,7 @@ def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...
     """Start cells drawn uniformly, again while any two robots would touch.
 
     Raises:
-        ScenarioError: `DRAWS` times two of them do, or a start is not free.
+        UserError: `DRAWS` times two of them do, or a start is not free.
     """
     scenario.require_free_starts()
     contact = distance_thresholds(scenario).contact
@@ -95,7 +96,7 @@ def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...
         starts = tuple(cells[rng.integers(len(cells))] for cells in scenario.starts)
         if touching_pair(starts, contact) is None:
             return starts
-    raise ScenarioError(
+    raise UserError(
         f"scenario {scenario.name}: hardly any combination of starts keeps the robots "
         "apart; move the start cells further apart"
     )

@@ -212,7 +212,7 @@ class EpisodeRecorder:
                 `cosim.recording.series.REWARD_PARTS`, NaN where none was.
 
         Raises:
-            RecordingError: the disk is full, or what was taken before could not be written.
+            UserError: the disk is full, or what was taken before could not be written.
         """
         if self._error is not None:
             raise self._error

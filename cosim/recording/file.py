@@ -37,10 +37,6 @@ LEAST_FREE_BYTES = 50_000_000
 _END, _END_BYTES = b"RRF2FOOT", 12  # of a whole file
 
 
-class RecordingError(UserError):
-    """Error in writing a recording. The message names the file and how to fix it."""
-
-
 class Kept:
     """A recording in memory.
 
@@ -100,7 +96,7 @@ class Kept:
                 self.send(Chunk.from_record_batch(rows, entity_path=entity))
 
     def check_space(self) -> None:
-        """Raise RecordingError if there will soon be no room for more."""
+        """Raise UserError if there will soon be no room for more."""
 
     def flush(self) -> None:
         """Write out the data so far."""
@@ -114,7 +110,7 @@ class Kept:
         """Write a file.
 
         Raises:
-            RecordingError: the folder cannot be written, or the disk is full.
+            UserError: the folder cannot be written, or the disk is full.
         """
         with Recording(path, self.recording_id, self.blueprint) as file:
             file.send(self.chunks)
@@ -149,8 +145,8 @@ class Recording(Kept):
         viewer: address of a running viewer that gets the same data, if any.
 
     Raises:
-        RecordingError: the folder cannot be written, or the disk is full.
-        StorageError: another process writes to the file.
+        UserError: the folder cannot be written, or the disk is full.
+        FileError: another process writes to the file.
     """
 
     def __init__(
@@ -184,9 +180,9 @@ class Recording(Kept):
         self.close()
 
     def check_space(self) -> None:
-        """Raise RecordingError while the file can still be completed, if the disk fills up."""
+        """Raise UserError while the file can still be completed, if the disk fills up."""
         if shutil.disk_usage(self._path.parent).free < LEAST_FREE_BYTES:
-            raise RecordingError(
+            raise UserError(
                 f"less than {LEAST_FREE_BYTES / 1e6:.0f} MB are free for the recording "
                 f"{self._path}; free some space or choose another --out"
             )
@@ -195,7 +191,7 @@ class Recording(Kept):
         """Write chunks.
 
         Raises:
-            RecordingError: they are not accepted in time, because earlier ones did not reach the
+            UserError: they are not accepted in time, because earlier ones did not reach the
                 disk or the viewer.
         """
         if self._stream is not None:
@@ -205,7 +201,7 @@ class Recording(Kept):
         """Write out the data so far.
 
         Raises:
-            RecordingError: it did not reach the disk, or not in time.
+            UserError: it did not reach the disk, or not in time.
         """
         super().flush()
         self._write_through()
@@ -244,14 +240,14 @@ class Recording(Kept):
         atexit.register(_leave, self._stream)
         self._stream = None
         if self._viewer:
-            raise RecordingError(
+            raise UserError(
                 f"the viewer at {self._viewer} does not accept recorded data ({errors[0]}); start "
                 f"it again or leave it out; {self._part} can be read so far"
             )
         raise self._incomplete(str(errors[0]))
 
-    def _incomplete(self, why: str) -> RecordingError:
-        return RecordingError(
+    def _incomplete(self, why: str) -> UserError:
+        return UserError(
             f"the recording {self._part} could not be written out ({why}); free some disk space; "
             "it and other .part files next to it can be read"
         )
@@ -260,7 +256,7 @@ class Recording(Kept):
         """Complete the file and give it its name.
 
         Raises:
-            RecordingError: it is not whole; what there is of it keeps its provisional name.
+            UserError: it is not whole; what there is of it keeps its provisional name.
         """
         if self._stream is None:
             return

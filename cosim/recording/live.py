@@ -19,19 +19,15 @@ _SCHEMES = ("rerun", "rerun+http", "rerun+https")
 _DEFAULT_PORT = 9876
 
 
-class LiveError(UserError):
-    """No viewer can be reached; the message names the address and how to fix it."""
-
-
 def find_viewer(url: str) -> str:
     """The address of a viewer, after it has answered.
 
     Raises:
-        LiveError: the address cannot be understood, or nothing answers there.
+        UserError: the address cannot be understood, or nothing answers there.
     """
     host, port = _host(url)
     if not _answers(host, port):
-        raise LiveError(
+        raise UserError(
             f"no Rerun viewer answers at {url}; start one with `{in_shell('rerun')}`, name its "
             "address with --viewer, or use --spawn"
         )
@@ -42,7 +38,7 @@ def spawn_viewer(url: str) -> str:
     """Open a viewer on this machine, or find the one that listens there; returns its address.
 
     Raises:
-        LiveError: it does not start.
+        UserError: it does not start.
     """
     import rerun as rr  # noqa: PLC0415 - slow; commands read the default address from here
 
@@ -52,11 +48,11 @@ def spawn_viewer(url: str) -> str:
             port=port, connect=False, hide_welcome_screen=True, executable_path=viewer_executable()
         )
     except Exception as error:  # rerun raises RuntimeError whatever the cause
-        raise LiveError(f"the Rerun viewer does not start: {error}; use --live") from error
+        raise UserError(f"the Rerun viewer does not start: {error}; use --live") from error
     began = time.monotonic()
     while not _answers(host, port):
         if time.monotonic() - began > START_TIMEOUT_S:
-            raise LiveError(
+            raise UserError(
                 f"the Rerun viewer does not answer at {url}; without a screen, start one "
                 "elsewhere and use --live with --viewer"
             )
@@ -76,7 +72,7 @@ def _host(url: str) -> tuple[str, int]:
     except ValueError:
         host, port, parts = None, 0, urlsplit("")
     if parts.scheme not in _SCHEMES or host is None or parts.path != "/proxy":
-        raise LiveError(
+        raise UserError(
             f"--viewer {url} is not the address of a viewer; write it as {DEFAULT_VIEWER}"
         )
     return host, port

@@ -23,9 +23,9 @@ import numpy as np
 import pyarrow as pa
 from rerun.chunk import Chunk, RrdReader
 
-from cosim.base.errors import UserError
+from cosim.base.errors import FileError
 from cosim.base.reading import Kind, parsing, require_file
-from cosim.base.storage import StorageError, named, replacing, temporary_folder
+from cosim.base.storage import replacing, require_suffix, temporary_folder
 from cosim.recording.file import Kept
 from cosim.recording.series import ENDED, GIVEN_UP, OUTCOME, STILL_RUNNING
 
@@ -44,11 +44,7 @@ _ROBOT = re.compile(r"^/(sim|raw|rl)/([^/]+)/")
 PREFIXES = ("", "/", "/sim/", "/rl/", "/raw/", "/world/")
 
 
-class RecordingReadError(UserError):
-    """Invalid recording, or not the requested one. The message names it and the fix."""
-
-
-EPISODE = Kind("recording of an episode", "record it again", RecordingReadError)
+EPISODE = Kind("recording of an episode", "record it again")
 
 
 class Signal(NamedTuple):
@@ -112,12 +108,12 @@ def read_rrd(path: Path) -> RecordingData:
         path: an .rrd file, or the .rrd.part that a killed writer left.
 
     Raises:
-        RecordingReadError: there is no such file, or it is no recording.
+        FileError: there is no such file, or it is no recording.
     """
     part = path.parent / f"{path.name}.part"
     left = not path.exists() and part.is_file()
     fix = f"its writer left {part}, read that" if left else "name an .rrd file"
-    require_file(path, Kind("recording", fix, RecordingReadError))
+    require_file(path, Kind("recording", fix))
     try:
         return _read_whole(path)
     except (RuntimeError, ValueError) as error:
@@ -132,7 +128,7 @@ def read_rrd(path: Path) -> RecordingData:
                 return _read_whole(repaired, path)
             except (RuntimeError, ValueError) as error:
                 broken = error
-    raise RecordingReadError(
+    raise FileError(
         f"{path} is not a readable Rerun recording ({broken}); record one with `minirobots run`"
     )
 
@@ -146,9 +142,7 @@ def _read_whole(file: Path, original: Path | None = None) -> RecordingData:
         if not entries:
             raise ValueError("it holds no recording")
         if len(entries) > 1:
-            raise RecordingReadError(
-                f"{path} holds {len(entries)} recordings; name a file with one"
-            )
+            raise FileError(f"{path} holds {len(entries)} recordings; name a file with one")
         try:
             reader.store()
             complete = original is None
@@ -164,7 +158,7 @@ def read_chunks(
     """Read all chunks of a recording, as `read_rrd` does those of a file.
 
     Raises:
-        RecordingReadError: a signal changes its number of components.
+        FileError: a signal changes its number of components.
     """
     moving: dict[tuple[str, str], list[pa.RecordBatch]] = defaultdict(list)
     fixed: dict[str, dict[str, list[Any]]] = defaultdict(dict)
@@ -217,7 +211,7 @@ def _values(name: str, rows: pa.Array) -> np.ndarray:
     if not len(rows):
         return np.zeros(0)
     if values.size % len(rows):
-        raise RecordingReadError(f"signal {name} changes its number of components; record it again")
+        raise FileError(f"signal {name} changes its number of components; record it again")
     values = values.reshape(len(rows), -1)
     return values[:, 0] if values.shape[1] == 1 else values
 
@@ -249,7 +243,7 @@ class DrivenMove(NamedTuple):
     given_up: bool
 
 
-class SignalError(RecordingReadError, KeyError):
+class SignalError(FileError, KeyError):
     """A signal that a recording lacks; the message names it and those with names like it."""
 
     __str__ = Exception.__str__  # a KeyError would put its message in quotes
@@ -349,11 +343,11 @@ class Episode:
         """The value of a numeric parameter.
 
         Raises:
-            RecordingReadError: the recording names no such number.
+            FileError: the recording names no such number.
         """
         parameter = self.parameters.get(name)
         if parameter is None or isinstance(parameter.value, (str, list)):
-            raise RecordingReadError(f"{self.origin} lacks its parameter {name}; record it again")
+            raise FileError(f"{self.origin} lacks its parameter {name}; record it again")
         return float(parameter.value)
 
     def save(self, path: Path | str) -> None:
@@ -363,12 +357,12 @@ class Episode:
             path: of the new file (.rrd); its folder is made if it is missing.
 
         Raises:
-            StorageError: there is such a file or folder, or its name does not end in .rrd.
-            RecordingReadError: the recording itself is gone.
+            FileError: there is such a file or folder, or its name does not end in .rrd.
+            FileError: the recording itself is gone.
         """
-        path = named(path, ".rrd")
+        path = require_suffix(path, ".rrd")
         if path.exists():
-            raise StorageError(f"{path}: it exists; move it away or choose another name")
+            raise FileError(f"{path}: it exists; move it away or choose another name")
         if isinstance(self.recording, Kept):
             self.recording.write(path)
             return
@@ -384,14 +378,14 @@ def read_episode(recording: Path | Kept) -> Episode:
         recording: an .rrd file, the .rrd.part that a killed writer left, or chunks in memory.
 
     Raises:
-        RecordingReadError: the file does not exist, cannot be read, or holds no episode.
+        FileError: the file does not exist, cannot be read, or holds no episode.
     """
     if isinstance(recording, Path):
         path, data = recording, read_rrd(recording)
     else:
         path, data = Path("the episode"), read_chunks(recording.chunks, recording.recording_id)
     if "episode" not in data.properties:
-        raise RecordingReadError(f"{path} holds no episode; record one with `minirobots run`")
+        raise FileError(f"{path} holds no episode; record one with `minirobots run`")
     ends = [
         (match[2], float(signal.time_s[-1]))
         for key, signal in data.signals.items()
@@ -399,12 +393,12 @@ def read_episode(recording: Path | Kept) -> Episode:
     ]
     robots = sorted({name for name, _ in ends}, key=lambda name: (len(name), name))  # r10 after r2
     if not robots:
-        raise RecordingReadError(
+        raise FileError(
             f"{path} ends before the first signals of its episode were written; record it again"
         )
     outcomes = [t for t in data.texts.get(OUTCOME, _NOTHING).texts if t != STILL_RUNNING]
     if len(outcomes) > 1:
-        raise RecordingReadError(
+        raise FileError(
             f"{path} holds {len(outcomes)} episodes merged into one; name a file with one"
         )
     time_s = max(end_s for _, end_s in ends)

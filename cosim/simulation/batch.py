@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.arguments import ConfigError, require_one_of, taken
-from cosim.base.errors import UserError, shown
+from cosim.base.arguments import ConfigError, require_one_of, validate_argument
+from cosim.base.errors import UserError, shorten
 from cosim.coupling.assembly import (
     MOTOR_NAMES,
     Motors,
@@ -121,7 +121,7 @@ class Batch:
             raise ConfigError(
                 f"lanes = {lanes} has no effect with the driver {driver}; leave it out"
             )
-        fmu = MotorFmu(taken("motor_fmu", motor_fmu, Path))
+        fmu = MotorFmu(validate_argument("motor_fmu", motor_fmu, Path))
         check_motors(fmu, config, places * robots)
         if driver == "fmpy" and (reason := why_not_fmpy(fmu, config)):
             raise ConfigError(f"--driver fmpy cannot be used: {reason}; use --driver compiled")
@@ -168,9 +168,9 @@ class Batch:
                 f"scenario {scenario.name} has {scenario.robots} robots, a place of the batch "
                 f"{self.robots}; make another batch for it"
             )
-        starts = taken("starts", starts, tuple[Cell, ...])
+        starts = validate_argument("starts", starts, tuple[Cell, ...])
         if len(starts) != self.robots:
-            raise ConfigError(f"starts = {shown(starts)} must have a cell for each robot")
+            raise ConfigError(f"starts = {shorten(starts)} must have a cell for each robot")
         require_size(scenario, config)
         columns = self._columns(place)
         state = self.state
@@ -238,7 +238,7 @@ class Batch:
         sight = np.zeros((max(frames), columns, NOISE))
         state.cameras[:, SIGHT] = 0.0
         for (place, episode), count in zip(going_on.items(), frames, strict=True):
-            episode.see(sight[:count, self._columns(place)])
+            episode.draw_camera(sight[:count, self._columns(place)])
         noise, sighted = self._noise(going_on, periods), state._replace(sight=sight)
         stretch = min(-(-periods // -(-self.robots // SAMPLED)), periods)
         samples = new_samples(stretch, columns)
@@ -267,7 +267,7 @@ class Batch:
             start_s = going_on[place].time_s
         else:  # all lanes of a vector are computed
             name += " of a place without an episode"
-        return error.named(name, start_s + (error.tick + 1) * self.config.timing.dt_s)
+        return error.locate(name, start_s + (error.tick + 1) * self.config.timing.dt_s)
 
     def _noise(self, episodes: Mapping[int, RunningEpisode], periods: int) -> np.ndarray:
         """(periods, B, 2), speed noise over the set points of episodes, by their places."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.base.arguments import taken, taken_seed
+from cosim.base.arguments import validate_argument, validate_seed
 from cosim.coupling.parameters import with_motor
 from cosim.coupling.rl_step import Step, SupportsAct, decide
 from cosim.model.config import CoSimConfig
@@ -37,7 +37,7 @@ class CoSimulation:
         lanes: int | None = None,
     ) -> None:
         self.scenario = scenario
-        motor_fmu = taken("motor_fmu", motor_fmu, Path)
+        motor_fmu = validate_argument("motor_fmu", motor_fmu, Path)
         self.config = with_motor(config or CoSimConfig().sized(scenario.diameter_m), motor_fmu)
         require_size(scenario, self.config)
         self._batch = Batch(motor_fmu, self.config, scenario.robots, 1, driver, lanes)
@@ -49,7 +49,7 @@ class CoSimulation:
     def reset(self, starts: tuple[Cell, ...], seed: np.random.SeedSequence | int) -> Observation:
         """Begin an episode; arguments as of `Batch.begin`, where a seed can be a number."""
         if not isinstance(seed, np.random.SeedSequence):
-            seed = np.random.SeedSequence(taken_seed(seed))
+            seed = np.random.SeedSequence(validate_seed(seed))
         self.episode = self._batch.begin(0, self.scenario, starts, seed, self.config)
         return self.episode.observation
 

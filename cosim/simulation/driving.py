@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from cosim.base.arguments import ConfigError, numbers, taken
-from cosim.base.errors import UserError, shown
+from cosim.base.arguments import ConfigError, numbers, validate_argument
+from cosim.base.errors import UserError, shorten
 from cosim.coupling.rl_step import Decision, Step
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
@@ -60,12 +60,12 @@ def drives(policy: Any) -> bool:
     known = [name for name in ("act", "drive") if callable(getattr(policy, name, None))]
     if isinstance(policy, type) or not known:
         raise ConfigError(
-            f"policy = {shown(policy)} has no act(observation) and no drive(motion); give an "
+            f"policy = {shorten(policy)} has no act(observation) and no drive(motion); give an "
             'object that has one of them, such as agent.load("policy.npz")'
         )
     if len(known) == 2:
         raise ConfigError(
-            f"policy = {shown(policy)} has act(observation) and drive(motion); leave one out"
+            f"policy = {shorten(policy)} has act(observation) and drive(motion); leave one out"
         )
     return known == ["drive"]
 
@@ -75,7 +75,9 @@ def options_for(policy: Any, options: SimulationOptions) -> SimulationOptions:
     if not drives(policy):
         return options
     refuse_without_effect(vars(options), "on a policy that commands motors")
-    interval_s = taken("interval_s of the policy", getattr(policy, "interval_s", None), float)
+    interval_s = validate_argument(
+        "interval_s of the policy", getattr(policy, "interval_s", None), float
+    )
     return replace(options, rl_step=interval_s)
 
 
@@ -124,7 +126,7 @@ class DrivenEpisode(RunningEpisode):
         n = self.scenario.robots
         if (set_points := numbers(action, (n, 2))) is None:
             raise UserError(
-                f"the policy returned {shown(action)}; expected {n} x 2 finite numbers, the set "
+                f"the policy returned {shorten(action)}; expected {n} x 2 finite numbers, the set "
                 "points of motors D and E of each robot in rad/s"
             )
         fastest, limit = float(np.abs(set_points).max()), self.config.lift_off_rad_s

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cosim.base.arguments import numbers
-from cosim.base.errors import UserError, shown
+from cosim.base.errors import UserError, shorten
 from cosim.coupling.assembly import SpeedNoise, robot_properties
 from cosim.coupling.rl_step import POSES_S, SAMPLED, Decision, Step, decide, sampled_of
 from cosim.coupling.signals import MOTORS, RawSamples, Samples, State
@@ -171,7 +171,7 @@ class RunningEpisode:
         self._first_tick = self._tick
         self._was_moving = ~self._at_end()
 
-    def see(self, sight: np.ndarray) -> None:
+    def draw_camera(self, sight: np.ndarray) -> None:
         """Draw the camera's frames of an RL step, (M, N, NOISE) of `cosim.onboard.camera`."""
         sensor = self.config.world.camera
         if sensor.rate_hz:
@@ -255,7 +255,7 @@ class RunningEpisode:
         directions = numbers(action, (n,), "iu")
         if directions is None or not 0 <= directions.min() <= directions.max() < DIRECTION_COUNT:
             raise UserError(
-                f"the policy returned {shown(action)}; expected {n} integers from 0 to "
+                f"the policy returned {shorten(action)}; expected {n} integers from 0 to "
                 f"{DIRECTION_COUNT - 1}, the direction of each robot"
             )
         return directions

@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple
 
 import tyro
 
-from cosim.base.arguments import ConfigError, named_once, take_fields
+from cosim.base.arguments import ConfigError, validate_fields, validate_unique
 from cosim.base.command import MotorFmuFile, MotorParameters
 from cosim.base.progress import Progress, silent, under_way
 from cosim.model.config import (
@@ -55,7 +55,7 @@ class Physics:
     for several. By default the FMU's own values hold."""
 
     def __post_init__(self) -> None:
-        take_fields(self, but=["preset"] if isinstance(self.preset, Preset) else [])
+        validate_fields(self, but=["preset"] if isinstance(self.preset, Preset) else [])
         for name, value in vars(self).items():
             number = isinstance(value, float)
             if number and not (0.0 <= value <= MAX_VALUE and (value or name in _MAY_BE_ZERO)):
@@ -73,7 +73,7 @@ class Physics:
                     f"--{option} is given in addition to the world's {field}; leave one of them out"
                 )
         preset = find_preset(self.preset)
-        given = named_once("motor_parameters", self.motor_parameters)
+        given = validate_unique("motor_parameters", self.motor_parameters)
         if given:
             from cosim.coupling.fmu import INPUTS, OPEN_INPUTS  # noqa: PLC0415 - with fmpy
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.arguments import require_one_of, taken, taken_seed
+from cosim.base.arguments import require_one_of, validate_argument, validate_seed
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.provenance import versions
 from cosim.coupling.rl_step import Step, SupportsAct, sampled_of
@@ -79,13 +79,13 @@ def simulate(
 
     Raises:
         ConfigError: an option is unknown or does not fit.
-        ScenarioError: there is no such scenario.
+        UserError: there is no such scenario.
         UserError: of the policy (trained on another scenario), the FMU or the calibration.
     """
     report = progress or silent
     require_one_of("driver", driver or "fmpy", DRIVERS)
     require_one_of("record", record, DETAILS)
-    seed = taken_seed(seed)
+    seed = validate_seed(seed)
     given = {"motor_fmu": motor_fmu, "motor_parameters": motor_parameters, **options}
     driving = options_for(policy, options_of("simulate", given))
     require = getattr(policy, "require_scenario", None)
@@ -106,7 +106,7 @@ def simulate(
         maps = getattr(policy, "maps", list)()
         return recorder_of(episode, kept, task.recording_id, facts, level=record, policies=maps)
 
-    sampled = sampled_of(scenario.robots, taken("signals", signals, tuple[int, ...]))
+    sampled = sampled_of(scenario.robots, validate_argument("signals", signals, tuple[int, ...]))
     given = scenario, fmu, config, policy, starts, noise_seed, recorder, watch, driver, sampled
     task = Task(*given)
     report("simulating", 0.0, config.timing.episode_limit_s)  # kernels may be compiled first

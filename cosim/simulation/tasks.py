@@ -19,9 +19,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from cosim.base.arguments import ConfigError
 from cosim.base.provenance import digest_of, identity_of
 from cosim.coupling.rl_step import Step, SupportsAct
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept

@@ -37,7 +37,7 @@ SMALL = Scenario(
     "small", "", ((4, 0), (0, 4)), (((0, 0),), ((4, 4),)),
     columns=5, rows=5, robot_diameter_m=0.01, zone=(2, 2, 3, 3),
 )  # fmt: skip
-ANY = Kind("file", "fix it", UserError)
+ANY = Kind("file", "fix it")
 
 
 def read_moves(path):

@@ -11,11 +11,11 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from minirobots.commands.train import Train
 
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy
 from cosim.base.command import parse
-from minirobots.commands.train import Train
 
 SHORT = ("--learning.episodes", "4000", "--learning.epsilon-episodes", "10")
 

@@ -25,7 +25,7 @@ from analysis.motor.speed_loop import (
     step_speed,
 )
 from analysis.motor.step_test import record, simulate
-from analysis.reading.motor_test import MotorTestError, read, rise
+from analysis.reading.motor_test import read, rise
 from analysis.reading.results import RESULTS
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
@@ -321,7 +321,7 @@ def test_a_motor_test_sets_parameters_of_the_fmu_and_refuses_unknown_ones(motor_
         for given in ((), (("K_T", 2e-4),))
     )
     assert usual > weaker == 0.0  # too weak for its friction at this voltage
-    with pytest.raises(MotorTestError, match="motor-parameter = 'K_t' is unknown; choose one of"):
+    with pytest.raises(UserError, match="motor-parameter = 'K_t' is unknown; choose one of"):
         simulate(motor_fmu, StepTest(motor_parameters=(("K_t", 2e-4),)), "open_loop")
 
 
@@ -329,7 +329,7 @@ def test_what_is_no_motor_test_is_refused_in_one_sentence(tmp_path):
     broken = tmp_path / "broken.rrd"
     broken.write_text("not a recording")
     for path in (broken, tmp_path / "missing.rrd"):
-        with pytest.raises(MotorTestError, match="`minirobots motor-test`"):
+        with pytest.raises(UserError, match="`minirobots motor-test`"):
             read(path)
-    with pytest.raises(MotorTestError, match="cannot be tested"):
+    with pytest.raises(UserError, match="cannot be tested"):
         simulate(broken, StepTest(), "open_loop")

@@ -10,7 +10,8 @@ import pytest
 import rerun as rr
 from matplotlib.image import imread
 
-from analysis.viewer import ViewerError, _tab_names, screenshot, shrink
+from analysis.viewer import _tab_names, screenshot, shrink
+from cosim.base.errors import UserError
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def test_recording_opens_without_a_complaint(run_folder, tmp_path, recording, vi
 
 @pytest.mark.viewer
 def test_missing_tab_is_named(run_folder, tmp_path):
-    with pytest.raises(ViewerError, match=r"tab 'sounds'; .*overview, motors, motion"):
+    with pytest.raises(UserError, match=r"tab 'sounds'; .*overview, motors, motion"):
         screenshot(run_folder / "episodes" / "ep_000.rrd", tmp_path / "a.png", tab="sounds")
 
 
@@ -62,7 +63,7 @@ def test_tabs_within_a_tab_are_not_the_first():
 
 
 def test_missing_recording_is_named(tmp_path):
-    with pytest.raises(ViewerError, match=r"nothing\.rrd: no such recording"):
+    with pytest.raises(UserError, match=r"nothing\.rrd: no such recording"):
         screenshot(tmp_path / "nothing.rrd", tmp_path / "a.png")
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from minirobots.commands.run import Run
 
 from agent.mdp.config import ProcessConfig
 from agent.moves import observe
@@ -19,10 +20,9 @@ from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
 from cosim.base import storage
-from cosim.base.storage import alone_in, cache_dir
+from cosim.base.storage import cache_dir, lock_folder
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.reader import read_episode
-from minirobots.commands.run import Run
 
 BRIEF = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
 
@@ -281,7 +281,7 @@ def test_results_of_another_run_are_not_replaced(run, runs, tmp_path):
 @pytest.mark.parametrize("name", ["run", "train", "experiments", "reproduce"])
 def test_a_folder_in_use_is_refused(command, tmp_path, name):
     arguments = ("fig08", "--runs", 1) if name == "experiments" else ()
-    with alone_in(tmp_path / "out"):
+    with lock_folder(tmp_path / "out"):
         done = command(name, *arguments, "--out", tmp_path / "out")
     said = f"error: {tmp_path / 'out'}: another run writes to it; wait until that ends, or choose"
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr

@@ -121,7 +121,7 @@ class Workplace:
         return {
             str(path.relative_to(self.out)): None
             if path.name.startswith(".") or path.suffix == ".part"
-            else said(path, self.out)
+            else outcome_of(path, self.out)
             for path in paths
         }
 
@@ -141,7 +141,7 @@ def without_progress(errors: str) -> str:
     return "".join(line for line in errors.splitlines(True) if not line.endswith(" …\n"))
 
 
-def said(path: Path, out: Path) -> Any:
+def outcome_of(path: Path, out: Path) -> Any:
     """What a file of results says, whenever and wherever it was written.
 
     Raises:

@@ -86,14 +86,14 @@ def names_of(record: type) -> tuple[str, ...]:
     return tuple(record.__annotations__)
 
 
-def part(table_: st.SearchStrategy[Any], name: str) -> st.SearchStrategy[dict[str, Any]]:
+def optional_table(table_: st.SearchStrategy[Any], name: str) -> st.SearchStrategy[dict[str, Any]]:
     """A table below a name, or nothing, or no table."""
     return st.one_of(
         st.just({}), st.builds(lambda t: {name: t}, table_), st.builds(lambda v: {name: v}, VALUES)
     )
 
 
-SENSOR = part(table(*names_of(Sensor)), "sensor")
+SENSOR = optional_table(table(*names_of(Sensor)), "sensor")
 WORLD = st.builds(lambda a, b: a | b, table(*names_of(World)), SENSOR)
 CELLS = st.lists(st.lists(st.integers(-1, 12), max_size=4), max_size=6) | st.just("top")
 ROBOT = st.builds(
@@ -111,19 +111,19 @@ SCENARIO = st.builds(
     st.lists(ROBOT, max_size=4),
     st.just({})
     | table("columns", "rows", "cell_m", "zone", "obstacles", "robot_diameter_m", "name"),
-    part(WORLD, "world"),
+    optional_table(WORLD, "world"),
 )
 PRESET = st.builds(
     lambda *parts: {k: v for some in parts for k, v in some.items()},
-    part(table(*RobotParams._fields, "source"), "robot"),
-    part(table(*MotorParams._fields, "source"), "motor"),
-    part(st.builds(lambda a, b: a | b, table(*WORLD_FIELDS, "source"), SENSOR), "world"),
+    optional_table(table(*RobotParams._fields, "source"), "robot"),
+    optional_table(table(*MotorParams._fields, "source"), "motor"),
+    optional_table(st.builds(lambda a, b: a | b, table(*WORLD_FIELDS, "source"), SENSOR), "world"),
     st.just({}) | table("source"),
 )
 SETTINGS = st.builds(
     lambda *parts: {k: v for some in parts for k, v in some.items()},
-    part(table(*names_of(ProcessConfig)), "process"),
-    part(table(*names_of(LearningConfig)), "learning"),
+    optional_table(table(*names_of(ProcessConfig)), "process"),
+    optional_table(table(*names_of(LearningConfig)), "learning"),
 )
 
 
@@ -142,7 +142,7 @@ def test_scenarios(tmp_path, content):
 
 
 @examples(40)
-@given(st.builds(lambda world: {"world": world}, WORLD) | part(WORLD, "world"))
+@given(st.builds(lambda world: {"world": world}, WORLD) | optional_table(WORLD, "world"))
 def test_worlds(tmp_path, content):
     path = tmp_path / "world.toml"
     path.write_text(lines(content), encoding="utf-8")

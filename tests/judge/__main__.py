@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from cosim.base.command import Json, parse, print_json
 from cosim.base.errors import run_command
+from minirobots.runner import parse, print_json
 
 if TYPE_CHECKING:
     from tests.judge.tools import Artefact, Tool, Verdict
@@ -36,7 +36,6 @@ class Judge:
     """VDMCheck of FMI 3, a Java archive."""
     page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Page (.md) whose table of verdicts is replaced."""
-    json: Json = False
 
 
 def judges(options: Judge) -> "list[Tool]":
@@ -44,7 +43,7 @@ def judges(options: Judge) -> "list[Tool]":
     from tests.judge import building, tools
 
     def missing(option: str) -> str:
-        raise tools.JudgeError(f"name it with {option}")
+        raise tools.UserError(f"name it with {option}")
 
     found = [
         tools.Tool(
@@ -70,25 +69,25 @@ def judges(options: Judge) -> "list[Tool]":
         fmucheck = building.build_fmucheck(options.fmucheck_src, folder / "fmucheck")
     jar = options.vdmcheck_jar
 
-    def named(path: Path | None, option: str) -> str:
+    def require_option(path: Path | None, option: str) -> str:
         return building.version_in(path) if path else missing(option)
 
     return [
         *found,
         tools.Tool(
             "fmusim",
-            lambda: named(options.fmusim_src, "--fmusim-src"),
+            lambda: require_option(options.fmusim_src, "--fmusim-src"),
             tools.simulate_by_fmusim(fmusim),
         ),
         tools.Tool(
             "FMU Compliance Checker",
-            lambda: named(options.fmucheck_src, "--fmucheck-src"),
+            lambda: require_option(options.fmucheck_src, "--fmucheck-src"),
             tools.simulate_by_fmucheck(fmucheck),
             ("2",),
         ),
         tools.Tool(
             "VDMCheck",
-            lambda: named(jar, "--vdmcheck-jar"),
+            lambda: require_option(jar, "--vdmcheck-jar"),
             tools.validate_by_vdmcheck(jar or folder),
             ("3",),
             ("VibrationMotor", "VibrationMotors"),
@@ -136,15 +135,16 @@ def markdown(verdicts: "Sequence[Verdict]") -> str:
 
 def main() -> None:
     """Command line; see `Judge`."""
-    options = parse(Judge, "python -m tests.judge")
+    line = parse(Judge, "python -m tests.judge")
+    options = line.options
     from cosim.base.progress import progress_bars
     from cosim.base.storage import replacing, write_json
     from cosim.base.table import show_texts
-    from tests.judge.tools import JudgeError, ask
+    from tests.judge.tools import UserError, ask
 
     page = options.page.read_text() if options.page else ""
     if options.page and not (_BEGIN in page and _END in page):
-        raise JudgeError(
+        raise UserError(
             f"{options.page} has no place for the table, {_BEGIN.strip()} {_END.strip()}"
         )
     with progress_bars() as progress:
@@ -165,10 +165,10 @@ def main() -> None:
             temporary.write_text(text)
     show_texts(HEADER, rows_of(verdicts), numbers=1, names=3)
     print(f"results in {options.out}/: verdicts.json, verdicts.md")
-    if options.json:
+    if line.json:
         print_json({"verdicts": verdicts})
     if any(verdict.agrees is False for verdict in verdicts):
-        raise JudgeError("a judge does not agree; see the table")
+        raise UserError("a judge does not agree; see the table")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from tests.judge.tools import JudgeError, run
+from cosim.base.errors import UserError
+from tests.judge.tools import run
 
 # Of fmusim, in its folders fmusim/ and src/; what is only for Windows or the tests is left out.
 _FMUSIM = ("fmusim/*.c", "src/FMI*.c", "src/structured_variable_name.*.c")
@@ -30,11 +31,11 @@ def build_fmusim(sources: Path, folder: Path) -> Path:
         folder: that receives the program; made if missing.
 
     Raises:
-        JudgeError: they are no such sources, or a library is missing.
+        UserError: they are no such sources, or a library is missing.
     """
     files = [str(path) for pattern in _FMUSIM for path in sorted(sources.glob(pattern))]
     if not (sources / "fmusim" / "fmusim.c").is_file():
-        raise JudgeError(f"{sources} has no fmusim/fmusim.c; name sources of the Reference FMUs")
+        raise UserError(f"{sources} has no fmusim/fmusim.c; name sources of the Reference FMUs")
     folder.mkdir(parents=True, exist_ok=True)
     includes = [sources / "fmusim", sources / "include", "/usr/include/libxml2"]
     command = ["cc", "-O1", "-w", f'-DFMUSIM_VERSION="{version_in(sources)}"']
@@ -43,7 +44,7 @@ def build_fmusim(sources: Path, folder: Path) -> Path:
     try:
         run([*command, "-o", str(folder / "fmusim"), *(f"-l{name}" for name in _LIBRARIES)])
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
-        raise JudgeError(
+        raise UserError(
             f"fmusim does not compile ({error}); on Debian install {_PACKAGES}"
         ) from error
     return folder / "fmusim"
@@ -57,11 +58,11 @@ def build_fmucheck(sources: Path, folder: Path) -> Path:
         folder: of the build; made if missing.
 
     Raises:
-        JudgeError: it does not build.
+        UserError: it does not build.
     """
     for tool in ("cmake", "make", "git"):
         if shutil.which(tool, path=os.defpath) is None:
-            raise JudgeError(f"the FMU Compliance Checker is built with {tool}; install it")
+            raise UserError(f"the FMU Compliance Checker is built with {tool}; install it")
     folder.mkdir(parents=True, exist_ok=True)
     # The system's tools: its CMake files are of 2.8, which CMake 4 of an environment is not.
     flags = {"CFLAGS": "-w -fcommon", "CXXFLAGS": "-w", "PATH": os.defpath}
@@ -78,5 +79,5 @@ def build_fmucheck(sources: Path, folder: Path) -> Path:
         )
         if done.returncode:
             said = " ".join(done.stderr.split())[-200:]
-            raise JudgeError(f"the FMU Compliance Checker does not build ({said}); see {folder}")
+            raise UserError(f"the FMU Compliance Checker does not build ({said}); see {folder}")
     return folder / "fmuCheck.linux64"

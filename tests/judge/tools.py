@@ -30,10 +30,6 @@ SAME = (
 _TOLD = 200  # characters of what a tool said
 
 
-class JudgeError(UserError):
-    """A judge that cannot be asked; the message says what is missing."""
-
-
 class Artefact(NamedTuple):
     """An FMU that is judged."""
 
@@ -73,7 +69,7 @@ class Tool(NamedTuple):
 
     Attributes:
         name: of the tool.
-        version: of it; raises JudgeError if the tool is not at hand.
+        version: of it; raises UserError if the tool is not at hand.
         judge: outputs after every step, shape (steps, outputs), or a list of problems of a
             validator.
         standards: that it knows.
@@ -95,12 +91,12 @@ def ask(tool: Tool, artefact: Artefact) -> Verdict:
     """What a judge says of an FMU; a judge that is not at hand is said to be so."""
     try:
         known = tool.version()
-    except JudgeError as error:
+    except UserError as error:
         says = f"not at hand: {error}"
         return Verdict(tool.name, "", artefact.name, says, None, None)
     try:
         found = tool.judge(artefact)
-    except (JudgeError, OSError, ValueError, subprocess.TimeoutExpired) as error:
+    except (UserError, OSError, ValueError, subprocess.TimeoutExpired) as error:
         says = f"failed: {error}"
         return Verdict(tool.name, known, artefact.name, says, None, False)
     if isinstance(found, list):
@@ -127,13 +123,13 @@ def deviation_of(found: np.ndarray) -> float:
 def package_version(package: str) -> Callable[[], str]:
     """Version of an installed package."""
 
-    def known() -> str:
+    def installed_version() -> str:
         try:
             return version(package)
         except PackageNotFoundError:
-            raise JudgeError(f"install {package}") from None
+            raise UserError(f"install {package}") from None
 
-    return known
+    return installed_version
 
 
 def validate_by_fmpy(artefact: Artefact) -> list[str]:

@@ -1,6 +1,6 @@
 /* Q-learning of Section III in plain C: the yardstick for the numba kernels, in bits and in speed.
  *
- * Written from the paper and the readings of docs/decisions.md, not from the kernels: one or two
+ * Written from the paper and the interpretations of docs/paper.md, not from the kernels: one or two
  * robots on a square board, features x, y, d, g, Eq. (7) to (12), nothing configurable beyond
  * what the built-in scenarios need. Compile with -O3 -ffp-contract=off.
  */

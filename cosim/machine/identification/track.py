@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.errors import UserError
+from cosim.base.errors import FileError
 from cosim.base.reading import Kind, parsing, read_bytes
 from cosim.base.storage import replacing
 
 # Set points of motors D and E in rad/s, each held for HOLD_S. Magnitudes differ by 100 rad/s or
 # more, so that the phase between the motors goes around many times a second and averages out; they
-# stay where tracks depend smoothly on all parameters, although feet lift (docs/identification.md).
+# stay where tracks depend smoothly on all parameters, although feet lift (docs/own.md).
 HOLD_S = 3.0
 SEQUENCE = (
     (-800.0, 900.0),
@@ -44,11 +44,7 @@ MOST_SPEED_RAD_S = 5800.0  # what the motors reach at their largest voltage
 LEAST_TURN_RAD, LEAST_DRIVE_M, MOST_OFF_RAD = 0.2, 0.005, math.radians(60.0)
 
 
-class TrackError(UserError):
-    """Invalid track. The message names file, line and how to fix it."""
-
-
-_KIND = Kind("track", "record it again, see docs/identification.md", TrackError)
+_KIND = Kind("track", "record it again, see docs/own.md")
 
 
 class SeenTrack(NamedTuple):
@@ -93,7 +89,7 @@ def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTr
         board_m: width and height of the board with its corner at the origin; by default endless.
 
     Raises:
-        TrackError: the file cannot be read, or its content cannot be used.
+        FileError: the file cannot be read, or its content cannot be used.
     """
     content = read_bytes(path, _KIND)
     with parsing(path, _KIND):
@@ -105,7 +101,7 @@ def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTr
         lines, numbers = [], []
         for row in filter(None, rows):
             if len(row) > len(header):
-                raise TrackError(
+                raise FileError(
                     f"{path}: line {rows.line_num}: {len(row)} cells for {len(header)} columns; "
                     "remove what is too much, and write decimal points instead of commas"
                 )
@@ -115,12 +111,12 @@ def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTr
     table = np.array(numbers, dtype=float).reshape(-1, len(COLUMNS))
     times = table[:, 0] - table[:1, 0]
     if len(times) < LEAST_FRAMES or times[-1] < LEAST_S:
-        raise TrackError(
+        raise FileError(
             f"{path}: ends at line {lines[-1] if lines else 1} after {len(times)} frames; record "
             f"at least {LEAST_FRAMES} frames and {LEAST_S:g} s"
         )
     if times[-1] > MOST_S:
-        raise TrackError(
+        raise FileError(
             f"{path}: the times of its frames span {times[-1]:.6g} s, more than {MOST_S:g} s; give "
             "them in seconds, or cut the track"
         )
@@ -144,12 +140,12 @@ def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTr
         (fast, f"a motor speed beyond {MOST_SPEED_RAD_S:g} rad/s; give rad/s"),
     ):
         if wrong.any():
-            raise TrackError(f"{path}: line {lines[int(np.argmax(wrong))]}: {what}")
+            raise FileError(f"{path}: line {lines[int(np.argmax(wrong))]}: {what}")
     if not table[:, 4:].any():
-        raise TrackError(f"{path}: omega_1 and omega_2 are 0 in every line; drive the robot")
+        raise FileError(f"{path}: omega_1 and omega_2 are 0 in every line; drive the robot")
     commands = table[:, 4:].copy()
     if wrong := _wrong_sign(poses, commands):
-        raise TrackError(f"{path}: {wrong}")
+        raise FileError(f"{path}: {wrong}")
     return SeenTrack(times, poses, commands)
 
 
@@ -160,13 +156,13 @@ def _places(header: list[str], path: Path) -> dict[str, int]:
         match = _HEADING.fullmatch(heading.lower())
         name, unit = match.groups() if match else ("", None)
         if name in found:
-            raise TrackError(f"{path}: line 1 has two columns {name}; remove or rename one")
+            raise FileError(f"{path}: line 1 has two columns {name}; remove or rename one")
         if name in UNITS:
             if unit not in {None, UNITS[name]}:
-                raise TrackError(f"{path}: line 1: {name} is in {unit}; give it in {UNITS[name]}")
+                raise FileError(f"{path}: line 1: {name} is in {unit}; give it in {UNITS[name]}")
             found[name] = k
     if missing := [name for name in COLUMNS if name not in found]:
-        raise TrackError(f"{path}: line 1 has no column {missing[0]}; give {','.join(COLUMNS)}")
+        raise FileError(f"{path}: line 1 has no column {missing[0]}; give {','.join(COLUMNS)}")
     return {name: found[name] for name in COLUMNS}
 
 
@@ -207,5 +203,5 @@ def _number(text: str, name: str, path: Path, line: int) -> float:
     if not math.isfinite(value):
         said = f"{text!r} is not a number" if text.strip() else "the number is missing"
         fix = "write a decimal point" if "," in text else "fix or remove the line"
-        raise TrackError(f"{path}: line {line}: {name}: {said}; {fix}")
+        raise FileError(f"{path}: line {line}: {name}: {said}; {fix}")
     return value

@@ -135,7 +135,7 @@ def least_foot_force(robot: RobotParams, motor: MotorParams, omega_rad_s: float)
         omega_rad_s: positive forwards, negative backwards.
 
     Raises:
-        PlatformError: the whole robot would leave the floor, or the motors stand still.
+        UserError: the whole robot would leave the floor, or the motors stand still.
     """
     platform, omega = robot_platform(robot, motor), abs(omega_rad_s)
     theta = 2.0 * math.pi * (_SETTLED_TURNS + np.linspace(0.0, 1.0, _ANGLES))

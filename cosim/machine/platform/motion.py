@@ -24,10 +24,6 @@ CYCLE_STROKES = 4
 _DIFFERENCE = 2e-5  # of α and s on either side
 
 
-class PlatformError(UserError):
-    """A platform or motor speed for which Eq. (1) with a steady floor contact does not hold."""
-
-
 class Platform(NamedTuple):
     """1-DOF platform.
 
@@ -88,10 +84,10 @@ def slip_ratio(platform: Platform, omega_rad_s: float) -> float:
     """The ratio s = (ω_c/ω)².
 
     Raises:
-        PlatformError: the platform would leave the floor, or the motor stands still.
+        UserError: the platform would leave the floor, or the motor stands still.
     """
     if not 0.0 < omega_rad_s < lift_off_speed(platform):
-        raise PlatformError(
+        raise UserError(
             f"motor speed {omega_rad_s:g} rad/s: choose one between 0 and "
             f"{lift_off_speed(platform):.0f} rad/s, where the platform leaves the floor"
         )
@@ -111,7 +107,7 @@ def strokes(platform: Platform, omega_rad_s: float, cycles: int) -> list[Stroke]
     """Strokes that begin in the first turns of the motor, from rest at θ = 0.
 
     Raises:
-        PlatformError: see `net_speed`.
+        UserError: see `net_speed`.
     """
     s, alpha = slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
     end = 2.0 * math.pi * cycles
@@ -129,7 +125,7 @@ def trajectory(platform: Platform, omega_rad_s: float, theta: np.ndarray) -> np.
     """Position in m at increasing angles θ ≥ 0 in rad, from rest at θ = 0; same shape.
 
     Raises:
-        PlatformError: see `net_speed`.
+        UserError: see `net_speed`.
     """
     s, alpha = slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
     position = np.zeros_like(theta)
@@ -144,7 +140,7 @@ def net_displacement(platform: Platform, omega_rad_s: float) -> float:
     """Displacement in m along +Y per turn of the motor, once the motion repeats itself.
 
     Raises:
-        PlatformError: see `net_speed`.
+        UserError: see `net_speed`.
     """
     s = slip_ratio(platform, omega_rad_s)
     return length_unit(platform) * _net_distance(math.atan(platform.mu), s)
@@ -172,7 +168,7 @@ def net_speed(platform: Platform, omega_rad_s: float) -> float:
         omega_rad_s: motor speed, positive (a negative one moves the platform along −Y).
 
     Raises:
-        PlatformError: the platform would leave the floor, or the motor stands still.
+        UserError: the platform would leave the floor, or the motor stands still.
     """
     return net_displacement(platform, omega_rad_s) * omega_rad_s / (2.0 * math.pi)
 
@@ -184,7 +180,7 @@ def sensitivities(platform: Platform, omega_rad_s: float) -> dict[str, float]:
     `omega`. The dimensionless distance depends on α and s alone: its derivatives are differences.
 
     Raises:
-        PlatformError: see `net_speed`.
+        UserError: see `net_speed`.
     """
     s, alpha, h = slip_ratio(platform, omega_rad_s), math.atan(platform.mu), _DIFFERENCE
     total = 2.0 * h * _net_distance(alpha, s)

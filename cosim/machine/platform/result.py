@@ -10,7 +10,6 @@ from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import replacing
 from cosim.machine.platform.motion import (
     Platform,
-    PlatformError,
     drift_speed,
     fig_3_platform,
     forces,
@@ -25,7 +24,7 @@ from cosim.model.params import FIG_3, TABLE_I, TABLE_II, MotorParams, RobotParam
 TABLE_MU = (0.1, 0.15, 0.2, 0.3, 0.4)
 TABLE_OMEGA = (700.0, 800.0, 900.0, 1000.0, 1100.0)
 POINTS_PER_CYCLE = 720
-_FILE = Kind("result of `minirobots platform`", "write one with --out", PlatformError)
+_FILE = Kind("result of `minirobots platform`", "write one with --out")
 
 
 class Motion(NamedTuple):
@@ -83,7 +82,7 @@ class PlatformResult(NamedTuple):
         """Write an .npz file.
 
         Raises:
-            StorageError, OSError: the file cannot be written.
+            FileError, OSError: the file cannot be written.
         """
         arrays = {
             f"{part}_{name}": array
@@ -98,7 +97,7 @@ class PlatformResult(NamedTuple):
         """Read what `save` wrote.
 
         Raises:
-            PlatformError: there is no such file, or it is of another kind.
+            UserError: there is no such file, or it is of another kind.
         """
         forms = cls.__annotations__
         names = [f"{part}_{name}" for part, form in forms.items() for name in form._fields]
@@ -130,7 +129,7 @@ def move_platforms(
         robot, motor: of that platform; the table is of it too, but for the friction.
 
     Raises:
-        PlatformError: the platform would leave the floor, or the motor stands still.
+        UserError: the platform would leave the floor, or the motor stands still.
     """
     platforms = [robot_platform(robot._replace(mu=each), motor) for each in TABLE_MU]
     return PlatformResult(

@@ -36,13 +36,13 @@ from cosim.machine.validation.driving import (
 from cosim.machine.validation.published import PATHS, SPEEDS, PublishedPath, PublishedSpeed
 from cosim.machine.validation.report import ValidationReport, report_of
 from cosim.model.config import CoSimConfig
-from cosim.model.preset import PAPER, PresetError, find_preset
+from cosim.model.preset import PAPER, find_preset
 from fmus.build import identity_of_fmu
 
 VERSION = 1  # of measurements: raise it when their bits change
 
 What = Literal["speed", "slopes", "ends"]
-_FILE = Kind("kept measurement", "measure it again", PresetError)
+_FILE = Kind("kept measurement", "measure it again")
 
 
 class Effort(NamedTuple):

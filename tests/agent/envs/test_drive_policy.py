@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import minirobots as mr
-from agent.envs.boards import ActionError
 from agent.envs.drive import DrivePolicy, DriveVectorEnv
 from agent.study.policies import ObjectPolicy
 from cosim.base.arguments import ConfigError
@@ -121,7 +120,7 @@ def test_failures_of_a_driver_name_it(monkeypatch):
     with pytest.raises(UserError, match=r"drive of policy Circling failed .*ZeroDivisionError"):
         mr.evaluate(policy, "2", starts=1, progress=None)
     assert drives(ObjectPolicy(Circling(), find_in_world("2")[0]))
-    with pytest.raises(ActionError, match="two finite numbers"):
+    with pytest.raises(ConfigError, match="two finite numbers"):
         mr.simulate("1a", DrivePolicy(lambda seen: [[1.0]]), progress=None)
     with pytest.raises(ConfigError, match="control_interval"):
         DrivePolicy(towards, control_interval=0.0)

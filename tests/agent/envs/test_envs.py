@@ -8,7 +8,6 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from agent import envs
-from agent.envs.boards import ActionError, StartsError
 from agent.envs.parallel import NavigationParallelEnv
 from agent.envs.vector import RobotsVectorEnv
 from agent.mdp import grid
@@ -18,9 +17,10 @@ from agent.mdp.rng import seeded_state
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_train
+from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from cosim.model.outcome import BY_RANK, COLLISION, OUT_OF_BOARD, RUNNING, TIMEOUT
-from cosim.model.scenario import Scenario, ScenarioError
+from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 
 IDS = ("MiniRobots/SingleA-v0", "MiniRobots/SingleB-v0")
@@ -226,7 +226,7 @@ def compare(ours, theirs):
     ],
 )
 def test_readings_without_effect_are_refused(reading, cosim, said):
-    with pytest.raises(ScenarioError, match=said):
+    with pytest.raises(UserError, match=said):
         envs.parallel_env("2", ProcessConfig(**reading), cosim=cosim)
 
 
@@ -260,7 +260,7 @@ def test_readings_without_effect_are_refused(reading, cosim, said):
 )
 def test_resets_of_another_number_of_boards_are_refused(arguments, said):
     env = RobotsVectorEnv(2, "2")
-    with pytest.raises(StartsError, match=said):
+    with pytest.raises(ConfigError, match=said):
         env.reset(**arguments)
 
 
@@ -268,7 +268,7 @@ def test_a_refused_reset_changes_nothing():
     env, other = RobotsVectorEnv(2, "2"), RobotsVectorEnv(2, "2")
     assert np.array_equal(env.reset(seed=0)[0], other.reset(seed=0)[0])
     touching = [[[9, 9], [20, 20]], [[3, 3], [4, 4]]]
-    with pytest.raises(StartsError, match="touch"):
+    with pytest.raises(ConfigError, match="touch"):
         env.reset(seed=1, options={"starts": touching})
     for _ in range(100):
         a, b = env.step(np.zeros(4, dtype=int)), other.step(np.zeros(4, dtype=int))
@@ -284,18 +284,18 @@ def test_other_pictures_are_refused(make):
 @pytest.mark.parametrize("cosim", [False, True])
 def test_a_single_environment_is_reset_first(cosim):
     env = envs.NavigationEnv("1a", cosim=cosim)
-    with pytest.raises(ActionError, match=r"no episode .*; call reset"):
+    with pytest.raises(ConfigError, match=r"no episode .*; call reset"):
         env.step(0)
-    with pytest.raises(StartsError, match="no option 'reset_mask'; choose from starts"):
+    with pytest.raises(ConfigError, match="no option 'reset_mask'; choose from starts"):
         env.reset(options={"reset_mask": [True]})
     env.close()
 
 
 def test_co_simulated_environments_begin_together():
     env = RobotsVectorEnv(2, "1a", cosim=True)
-    with pytest.raises(StartsError, match="have not begun; reset all"):
+    with pytest.raises(ConfigError, match="have not begun; reset all"):
         env.reset(options={"reset_mask": np.array([True, False])})
-    with pytest.raises(StartsError, match="off the 30 x 30 board"):
+    with pytest.raises(ConfigError, match="off the 30 x 30 board"):
         env.reset(options={"starts": [[[0, 4]], [[40, 0]]]})
     observations, *_, infos = env.step(np.zeros(2, dtype=int))  # begins
     assert observations.shape == (2, 2)
@@ -326,7 +326,7 @@ def test_an_ended_episode_is_not_stepped():
     env = envs.NavigationEnv("1a")
     env.reset(options={"starts": [[0, 4]]})
     assert env.step(4)[2]  # off the board
-    with pytest.raises(ActionError, match=r"no episode .*; call reset"):
+    with pytest.raises(ConfigError, match=r"no episode .*; call reset"):
         env.step(4)
 
 
@@ -393,7 +393,7 @@ def test_actions_that_are_no_directions_are_refused(action):
     env = envs.NavigationEnv("1a")
     env.reset(options={"starts": [[5, 5]]})
     with pytest.raises(
-        ActionError, match=r"not (a direction|directions); choose one .*from 0 to 7"
+        ConfigError, match=r"not (a direction|directions); choose one .*from 0 to 7"
     ):
         env.step(action)
     assert env.step(0)[0].tolist() == [6, 5]
@@ -411,7 +411,7 @@ def test_actions_that_are_no_directions_are_refused(action):
 def test_vector_environment_names_the_one_with_a_wrong_action(actions, message):
     env = RobotsVectorEnv(2, "1a")
     env.reset(seed=0)
-    with pytest.raises(ActionError, match=message):
+    with pytest.raises(ConfigError, match=message):
         env.step(np.array(actions))
 
 
@@ -431,7 +431,7 @@ def test_vector_environment_names_the_one_with_a_wrong_action(actions, message):
 def test_every_agent_needs_an_action_and_nobody_else_has_one(actions, message):
     env = envs.parallel_env("2")
     env.reset(options={"starts": [[0, 29], [5, 5]]})
-    with pytest.raises(ActionError, match=message):
+    with pytest.raises(ConfigError, match=message):
         env.step(actions)
     observations, *_ = env.step({"robot_1": 0, "robot_2": 0})
     assert [seen.tolist()[:2] for seen in observations.values()] == [[1, 29], [6, 5]]
@@ -470,7 +470,7 @@ def test_step_limit_truncates():
     ],
 )
 def test_unusable_starts_are_refused(starts, message):
-    with pytest.raises(StartsError, match=message):
+    with pytest.raises(ConfigError, match=message):
         envs.parallel_env("2").reset(options={"starts": starts})
 
 

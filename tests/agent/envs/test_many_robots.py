@@ -8,11 +8,11 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from agent import envs
-from agent.envs.boards import StartsError
 from agent.envs.vector import RobotsVectorEnv
 from agent.mdp.config import ProcessConfig
 from benchmarks import __main__ as benchmarks
 from benchmarks import envs as benchmark
+from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from cosim.model.outcome import OUT_OF_BOARD, RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
@@ -163,7 +163,7 @@ def test_boards_never_seeded_differ_and_seeds_count_up():
 
 
 def test_starts_of_another_shape_are_refused():
-    with pytest.raises(StartsError, match="give one to each of the 3 boards"):
+    with pytest.raises(ConfigError, match="give one to each of the 3 boards"):
         RobotsVectorEnv(3, "2").reset(options={"starts": [[[3, 3], [20, 20]]]})
 
 

@@ -11,8 +11,9 @@ from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import OBSTACLE, build_process
 from agent.mdp.rng import seeded_state
+from cosim.base.errors import UserError
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
-from cosim.model.scenario import Scenario, ScenarioError
+from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.onboard.features import DIRECTIONS, LARGE, MEDIUM, NEAR
 
@@ -279,7 +280,7 @@ def test_ties_go_to_the_least_rotation(facing, values, expected):
 )
 def test_unusable_starts_are_refused(change, message):
     fields = {"name": "u", "title": "", "targets": ((15, 18), (15, 12))} | change
-    with pytest.raises(ScenarioError, match=message):
+    with pytest.raises(UserError, match=message):
         build_process(Scenario(**fields), ProcessConfig())
 
 
@@ -287,10 +288,10 @@ def test_unusable_starts_are_refused(change, message):
     "wrong", [{"slip_probability": 1.5}, {"step_limit": 0}, {"approach_coefficient": 0.5}]
 )
 def test_unusable_readings_are_refused(wrong):
-    with pytest.raises(ScenarioError, match=next(iter(wrong))):
+    with pytest.raises(UserError, match=next(iter(wrong))):
         ProcessConfig(**wrong)
 
 
 def test_features_without_effect_for_a_lone_robot_are_refused():
-    with pytest.raises(ScenarioError, match=r"features = d, g .*lone robot"):
+    with pytest.raises(UserError, match=r"features = d, g .*lone robot"):
         build_process(find_scenario("1a"), ProcessConfig(features=("d", "g")))

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from agent.mdp.exact import some_starts
-from agent.mdp.greedy import PolicyError
 from agent.method import method_config, method_of, method_policy
 from agent.moves.pair import move_seconds
 from agent.policies import load_policy
@@ -102,9 +101,9 @@ def test_a_policy_is_kept_in_its_file(tmp_path):
     assert repr(read) == "GroupPolicy(scenario swap, planned on moves)"
     seen = observe(SWAP, [starts[0] for starts in SWAP.starts], [0, 0])
     assert read.act(seen).action.tolist() == policy.act(seen).action.tolist()
-    with pytest.raises(PolicyError, match="was trained on scenario swap"):
+    with pytest.raises(UserError, match="was trained on scenario swap"):
         load_policy(tmp_path / "planned.npz", ALONE)
-    with pytest.raises(PolicyError, match="planned paths use observed moves"):
+    with pytest.raises(UserError, match="planned paths use observed moves"):
         msgspec.structs.replace(policy.config, moves=None)
 
 

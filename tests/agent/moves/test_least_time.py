@@ -13,18 +13,11 @@ from agent.mdp.readings import build_process
 from agent.mdp.rng import seeded_state
 from agent.moves import kernels
 from agent.moves.bound import fastest_tables, least_times, mean_seconds
-from agent.moves.model import (
-    KINDS,
-    NO_DIRECTION,
-    Move,
-    MovesError,
-    ObservedMoves,
-    build_model,
-    move_kind,
-)
-from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
+from agent.moves.model import KINDS, NO_DIRECTION, Move, ObservedMoves, build_model, move_kind
+from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_compute
+from cosim.base.errors import UserError
 from cosim.model.outcome import RUNNING, SUCCESS
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTIONS
@@ -56,7 +49,7 @@ def search(process, moves, cell, axis):
             return moves.rl_step_s * steps
         for direction in range(8):
             assert grid.place(process, world, np.array([cell]))
-            kernels.stand(model, world, plans, seeded_state(0))
+            kernels.reset_plans(model, world, plans, seeded_state(0))
             world[0, grid.AXIS], taken = axis, steps
             outcome = kernels.begin_move(
                 process, model, world, plans, 0, direction, seeded_state(0)
@@ -105,9 +98,9 @@ def test_the_tables_of_the_fastest_lead_to_the_least_time():
 
 def test_only_the_fastest_paths_know_of_moves():
     features = ProcessConfig(features=("x", "y", "h"))
-    with pytest.raises(PolicyError, match="use observed moves; give some"):
+    with pytest.raises(UserError, match="use observed moves; give some"):
         PolicyConfig(BOARD, features, LearningConfig(), Seed(0), objective="fastest")
-    with pytest.raises(PolicyError, match="use observed moves; leave them out"):
+    with pytest.raises(UserError, match="use observed moves; leave them out"):
         moves = lasting(*SECONDS)
         PolicyConfig(BOARD, features, LearningConfig(), Seed(0), moves, objective="shortest")
 
@@ -129,5 +122,5 @@ def test_times_are_means_in_rl_steps():
 def test_moves_that_say_too_little_are_refused(change):
     moves = lasting(*SECONDS)
     odd = msgspec.structs.replace(moves.moves[0], **change)
-    with pytest.raises(MovesError, match="moves"):
+    with pytest.raises(UserError, match="moves"):
         mean_seconds(ObservedMoves("", 0, (odd, *moves.moves[1:])))

@@ -14,14 +14,7 @@ from agent.mdp.readings import build_process
 from agent.mdp.rng import next_word, seeded_state
 from agent.moves import kernels
 from agent.moves import observe as observe_module
-from agent.moves.model import (
-    NO_DIRECTION,
-    Move,
-    MovesError,
-    ObservedMoves,
-    build_model,
-    move_kind,
-)
+from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, build_model, move_kind
 from agent.moves.observe import KINDS, observe_moves
 from agent.training.moves_qlearning import _discounts
 from agent.training.policy import Policy, PolicyConfig, Seed
@@ -31,7 +24,7 @@ from cosim.base.errors import UserError
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.model.params import TIMING
-from cosim.model.scenario import Scenario, ScenarioError
+from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.onboard.features import DIRECTIONS
 from fmus.build import cached_fmu
@@ -73,7 +66,7 @@ def pair_at(process, *cells):
     world = np.zeros((len(cells), grid.COLUMN_COUNT), dtype=np.int64)
     assert grid.place(process, world, np.array(cells, dtype=np.int64))
     plans = np.zeros((len(cells), kernels.PLAN_SIZE))
-    kernels.stand(build_model(ideal_moves(), 5.0), world, plans, seeded_state(0))
+    kernels.reset_plans(build_model(ideal_moves(), 5.0), world, plans, seeded_state(0))
     return world, plans
 
 
@@ -235,7 +228,7 @@ def test_a_robot_keeps_the_world_that_it_drew():
     durations = np.zeros((20, 6))
     for episode in durations:
         world, plans = pair_at(process, (2, 2), (10, 10))
-        kernels.stand(model, world, plans, random)
+        kernels.reset_plans(model, world, plans, random)
         for move in range(len(episode)):
             kernels.begin_move(process, model, world, plans, 0, move % 3, random)
             episode[move] = plans[0, kernels.DURATION_S]
@@ -314,7 +307,7 @@ def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
     q = np.zeros((2, process.state_count, 8))
     for _ in range(learning.episodes):
         grid.place_randomly(process, world, cells, random)
-        kernels.stand(model, world, plans, random)
+        kernels.reset_plans(model, world, plans, random)
         outcome = RUNNING
         while outcome == RUNNING:
             state = int(grid.state_index(process, world, 0))
@@ -352,7 +345,7 @@ def test_readings_without_effect_are_refused_by_name(process, on_moves, message,
     learning = LearningConfig(episodes=10, greedy_points=0)
     other = ProcessConfig(**process)
     assert PolicyConfig(SMALL, other, learning, Seed(0), None if on_moves else moves)
-    with pytest.raises(ScenarioError, match=message):
+    with pytest.raises(UserError, match=message):
         PolicyConfig(SMALL, other, learning, Seed(0), moves if on_moves else None)
     file, settings, out = (tmp_path / f for f in ("moves.json", "settings.toml", "out"))
     moves.save(file)
@@ -385,18 +378,18 @@ def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, content):
     path = tmp_path / "moves.json"
     if content is not None:
         path.write_text(content)
-    with pytest.raises(MovesError, match=r"moves\.json.*minirobots moves"):
+    with pytest.raises(UserError, match=r"moves\.json.*minirobots moves"):
         ObservedMoves.load(path)
 
 
 def test_missing_kinds_are_refused():
-    with pytest.raises(MovesError, match="more moves"):
+    with pytest.raises(UserError, match="more moves"):
         build_model(ObservedMoves("", 0, ideal_moves().moves[:3]), 5.0)
 
 
 def test_moves_of_robots_that_are_seldom_asked_are_refused(command, tmp_path):
     seldom = msgspec.structs.replace(ideal_moves(), rl_step_s=7.0)
-    with pytest.raises(MovesError, match=r"RL step of 7 s .*; .* at most 2 s"):
+    with pytest.raises(UserError, match=r"RL step of 7 s .*; .* at most 2 s"):
         build_model(seldom, 5.0)
     ended = command("moves", "--rl-step", 7, "--out", tmp_path / "moves.json")
     assert ended.returncode == 2
@@ -405,7 +398,7 @@ def test_moves_of_robots_that_are_seldom_asked_are_refused(command, tmp_path):
 
 def test_rewards_per_time_have_no_effect_where_robots_are_asked_every_two_seconds():
     process = ProcessConfig(reward_per="time")
-    with pytest.raises(ScenarioError, match=r"reward_per = time .* RL step of 2 s"):
+    with pytest.raises(UserError, match=r"reward_per = time .* RL step of 2 s"):
         PolicyConfig(SMALL, process, LearningConfig(), Seed(0), ideal_moves())
     often = msgspec.structs.replace(ideal_moves(), rl_step_s=0.1)
     assert PolicyConfig(SMALL, process, LearningConfig(), Seed(0), often)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.greedy import PolicyError
 from agent.mdp.readings import build_process
 from agent.method import drives_through, method_of
 from agent.moves import pair
@@ -18,6 +17,7 @@ from agent.policies import load_policy
 from agent.training.pair_policy import PairPolicy
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
+from cosim.base.errors import UserError
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
@@ -133,12 +133,12 @@ def test_it_is_read_back_and_drives_from_all_starts(policy, tmp_path):
     assert found.steps.tolist() == policy.evaluate().steps.tolist()
     values = [layer.value for layer in policy.maps()]
     assert [v[t] for v, t in zip(values, BOARD.targets, strict=True)] == [0.0, 0.0]
-    with pytest.raises(PolicyError, match="was trained on scenario board"):
+    with pytest.raises(UserError, match="was trained on scenario board"):
         load_policy(tmp_path / "policy.npz", find_scenario("2"))
     np.savez(
         tmp_path / "other.npz", **dict(np.load(tmp_path / "policy.npz")) | {"delay": values[0]}
     )
-    with pytest.raises(PolicyError, match="do not fit"):
+    with pytest.raises(UserError, match="do not fit"):
         load_policy(tmp_path / "other.npz")
 
 

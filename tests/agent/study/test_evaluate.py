@@ -7,13 +7,14 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from minirobots.commands.evaluate import Evaluate
 from pyarrow import parquet
 
 from agent.evaluation.cases import Case
 from agent.evaluation.outcomes import summary
 from agent.evaluation.statistics import rate
 from agent.study.evaluate import EvaluationReport, evaluate
-from agent.study.store import ResultFile, ResultFileError, export
+from agent.study.store import ResultFile, export
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
 from cosim.model.config import CoSimConfig
@@ -21,7 +22,6 @@ from cosim.model.outcome import Outcome
 from cosim.model.params import TABLE_I
 from cosim.simulation.options import SimulationOptions
 from cosim.simulation.result import EpisodeResult
-from minirobots.commands.evaluate import Evaluate
 
 RESULT = EpisodeResult(
     Outcome.SUCCESS, 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
@@ -132,10 +132,10 @@ def test_every_configuration_has_its_own_file(near_policy, motor_fmu, tmp_path):
     for file in files:
         file.add(0, RESULT)
     files[0].path.replace(files[1].path)
-    with pytest.raises(ResultFileError, match="holds results of another configuration"):
+    with pytest.raises(UserError, match="holds results of another configuration"):
         ResultFile.of_case(tmp_path, others[0])
     files[2].path.write_bytes(files[2].path.read_bytes() + b'{"index":1}\n')
-    with pytest.raises(ResultFileError, match="line 3 is damaged"):
+    with pytest.raises(UserError, match="line 3 is damaged"):
         ResultFile.of_case(tmp_path, others[1])
 
 
@@ -163,7 +163,7 @@ def test_reading_writes_nothing_and_appending_repairs_the_end(case, tmp_path, ke
 def test_a_file_of_something_else_is_kept(case, tmp_path):
     path = ResultFile.of_case(tmp_path, case).path
     path.write_bytes(b"notes without an end")
-    with pytest.raises(ResultFileError, match="not a file of results; move it away"):
+    with pytest.raises(UserError, match="not a file of results; move it away"):
         ResultFile.of_case(tmp_path, case)
     assert path.read_bytes() == b"notes without an end"
 
@@ -171,7 +171,7 @@ def test_a_file_of_something_else_is_kept(case, tmp_path):
 def test_a_second_writer_is_refused(case, tmp_path):
     first, second = ResultFile.of_case(tmp_path, case), ResultFile.of_case(tmp_path, case)
     first.add(0, RESULT)
-    with pytest.raises(ResultFileError, match="another process writes to this file"):
+    with pytest.raises(UserError, match="another process writes to this file"):
         second.add(1, RESULT)
     first.add(2, RESULT)
     assert list(ResultFile.of_case(tmp_path, case).results) == [0, 2]
@@ -224,7 +224,7 @@ def test_episodes_are_exported(whole, tmp_path):
     assert table["outcome"] == ["success"] * 4
     assert sorted(table["index"]) == [0, 1, 2, 3]
     assert set(table["mu"]) == {0.15}
-    with pytest.raises(ResultFileError, match="has no results of episodes"):
+    with pytest.raises(UserError, match="has no results of episodes"):
         export(tmp_path, tmp_path / "none.parquet")
 
 

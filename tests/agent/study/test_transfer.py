@@ -4,6 +4,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from minirobots.commands.transfer import Transfer
 
 from agent.evaluation.cases import Case
 from agent.mdp.config import ProcessConfig
@@ -12,12 +13,12 @@ from agent.study.transfer import TransferReport, goals, markdown, transfer
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import train_policy
+from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.config import CoSimConfig
 from cosim.model.outcome import Outcome
-from cosim.model.scenario import Scenario, ScenarioError
+from cosim.model.scenario import Scenario
 from cosim.simulation.result import EpisodeResult
-from minirobots.commands.transfer import Transfer
 
 pytestmark = pytest.mark.long  # it trains and drives
 
@@ -116,7 +117,7 @@ def test_goals_are_judged_by_the_worst_row(table):
     ("options", "error", "message"),
     [
         ({"budget_minutes": -1.0}, UserError, "--budget-minutes must not be negative"),
-        ({"scenarios": ("7",)}, ScenarioError, "unknown scenario '7'"),
+        ({"scenarios": ("7",)}, UserError, "unknown scenario '7'"),
         ({"scenarios": ("4", "4")}, ConfigError, "--scenarios has two of one name"),
         ({"scenarios": ()}, ConfigError, "at least one each"),
         ({"methods": ()}, ConfigError, "at least one each"),

@@ -18,7 +18,8 @@ from agent.training.runs import Experiment, RunTask, train_run
 from agent.training.settings import LearningConfig
 from cosim.base import backends
 from cosim.base.backends import sweep
-from cosim.base.jobs import BackendError, Workers
+from cosim.base.errors import UserError
+from cosim.base.jobs import Workers
 from cosim.model.scenario_file import find_scenario
 
 EXPERIMENT = Experiment(
@@ -116,7 +117,7 @@ def test_threads_and_one_job_give_the_same_bits(expected, tmp_path):
 
 def test_a_task_that_always_kills_its_worker_ends_the_sweep(monkeypatch):
     monkeypatch.setattr(backends, "ATTEMPTS", 2)
-    with pytest.raises(BackendError, match="workers died 2 times"):
+    with pytest.raises(UserError, match="workers died 2 times"):
         list(sweep(signal.raise_signal, [0, signal.SIGKILL], Workers(jobs=2, backend="loky")))
 
 
@@ -126,23 +127,23 @@ def test_errors_of_a_task_are_not_retried():
 
 
 def test_an_address_without_a_cluster_is_refused():
-    with pytest.raises(BackendError, match=r"--address .* --backend loky"):
+    with pytest.raises(UserError, match=r"--address .* --backend loky"):
         Workers(backend="loky", address="tcp://127.0.0.1:9")
-    with pytest.raises(BackendError, match="--jobs has no effect"):
+    with pytest.raises(UserError, match="--jobs has no effect"):
         Workers(jobs=2, backend="dask", address="tcp://127.0.0.1:9")
 
 
 @pytest.mark.parametrize("address", ["head", "tcp://head", "http://head:1", "ray:1:2", "a:b"])
 @pytest.mark.parametrize("backend", ["dask", "ray"])
 def test_an_address_that_is_none_is_refused(backend, address):
-    with pytest.raises(BackendError, match=r"--address .* is invalid; give HOST:PORT"):
+    with pytest.raises(UserError, match=r"--address .* is invalid; give HOST:PORT"):
         list(sweep(abs, [1, 2], Workers(backend=backend, address=address)))
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:9", "[::1]:9", "127.0.0.1:99999", f"{'a' * 99}:9"])
 @pytest.mark.parametrize("backend", ["dask", "ray"])
 def test_a_cluster_that_is_not_there_is_refused(backend, address):
-    with pytest.raises(BackendError, match=f"no {backend.title()} cluster answers at"):
+    with pytest.raises(UserError, match=f"no {backend.title()} cluster answers at"):
         list(sweep(abs, [1, 2], Workers(backend=backend, address=address)))
 
 
@@ -177,5 +178,5 @@ def test_a_cluster_that_cannot_do_the_work_is_refused(workers, tmp_path, monkeyp
         monkeypatch.syspath_prepend(tmp_path)
         act = import_module("own_policy").act
         said = "cannot import own_policy; install it" if workers else "has no workers"
-        with pytest.raises(BackendError, match=said):
+        with pytest.raises(UserError, match=said):
             list(sweep(act, [1], Workers(backend="dask", address=local.scheduler_address)))

@@ -10,9 +10,10 @@ from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import evaluate
 from agent.policies import load_policy
-from agent.training.policy import Policy, PolicyConfig, PolicyError, Seed
+from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_train
+from cosim.base.errors import UserError
 from cosim.model.outcome import RUNNING, TIMEOUT, Outcome
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
@@ -93,20 +94,20 @@ def saved(tmp_path):
 
 
 def test_missing_and_broken_files_are_refused(saved, tmp_path):
-    with pytest.raises(PolicyError, match="no such policy file"):
+    with pytest.raises(UserError, match="no such policy file"):
         Policy.load(tmp_path / "none.npz")
     whole = saved.read_bytes()
     for content in (b"", b"hello", whole[: len(whole) // 2], whole[:200] + whole[300:]):
         saved.write_bytes(content)
-        with pytest.raises(PolicyError, match="damaged"):
+        with pytest.raises(UserError, match="damaged"):
             Policy.load(saved)
 
 
 def test_other_scenario_and_other_schema_are_refused(saved):
-    with pytest.raises(PolicyError, match=r"trained on scenario small .* not on scenario 4"):
+    with pytest.raises(UserError, match=r"trained on scenario small .* not on scenario 4"):
         load_policy(saved, replace(find_scenario("4"), robot_diameter_m=0.02))
     rewrite(saved, lambda d: d | {"schema_version": 99})
-    with pytest.raises(PolicyError, match="schema 99"):
+    with pytest.raises(UserError, match="schema 99"):
         Policy.load(saved)
 
 
@@ -123,13 +124,13 @@ def test_other_scenario_and_other_schema_are_refused(saved):
 )
 def test_inconsistent_configurations_are_refused(saved, change):
     rewrite(saved, change)
-    with pytest.raises(PolicyError, match="train it again"):
+    with pytest.raises(UserError, match="train it again"):
         Policy.load(saved)
 
 
 def test_pickles_are_never_loaded(saved):
     np.savez(saved, config=np.array([{}], dtype=object), q=0, visits=0, random=0)
-    with pytest.raises(PolicyError, match="damaged"):
+    with pytest.raises(UserError, match="damaged"):
         Policy.load(saved)
 
 

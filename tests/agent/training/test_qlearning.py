@@ -18,7 +18,8 @@ from agent.training.learning import (
     initial_state,
 )
 from agent.training.qlearning import advance, largest
-from agent.training.settings import LearningConfig, LearningError
+from agent.training.settings import LearningConfig
+from cosim.base.errors import UserError
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 
@@ -220,7 +221,7 @@ def test_features_that_hide_a_move_still_pick_from_the_updated_row():
     "wrong", [{"eta": 0.0}, {"gamma": 1.1}, {"episodes": 0}, {"epsilon": -1.0}]
 )
 def test_unusable_numbers_are_refused(wrong):
-    with pytest.raises(LearningError, match=next(iter(wrong))):
+    with pytest.raises(UserError, match=next(iter(wrong))):
         LearningConfig(**wrong)
 
 

@@ -3,7 +3,8 @@
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.training.settings import LearningConfig, SettingsError, read_settings
+from agent.training.settings import LearningConfig, read_settings
+from cosim.base.errors import UserError
 
 
 def test_given_fields_override_defaults(tmp_path):
@@ -30,10 +31,10 @@ def test_given_fields_override_defaults(tmp_path):
 def test_wrong_files_are_refused(tmp_path, text, message):
     path = tmp_path / "s.toml"
     path.write_text(text)
-    with pytest.raises(SettingsError, match=message):
+    with pytest.raises(UserError, match=message):
         read_settings(path)
 
 
 def test_missing_file(tmp_path):
-    with pytest.raises(SettingsError, match="no such settings file"):
+    with pytest.raises(UserError, match="no such settings file"):
         read_settings(tmp_path / "none.toml")

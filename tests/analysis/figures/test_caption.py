@@ -2,7 +2,8 @@
 
 import pytest
 
-from analysis.figures.style import Caption, FigureError, read_caption, write_caption
+from analysis.figures.style import Caption, read_caption, write_caption
+from cosim.base.errors import UserError
 
 CAPTION = Caption("fig03", "Motion", "it slides", ("5 µm a turn.",), {"step_um": 5.0}, ("a.npz",))
 
@@ -17,5 +18,5 @@ def test_what_is_no_caption_is_named(tmp_path):
     (tmp_path / "fig05.json").write_text("[]")
     (tmp_path / "fig07.json").write_text('{"figure": "fig07"')
     for figure in ("fig03", "fig05", "fig07"):
-        with pytest.raises(FigureError, match=f"minirobots figures {figure}"):
+        with pytest.raises(UserError, match=f"minirobots figures {figure}"):
             read_caption(tmp_path, figure)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from analysis.figures import fig03
-from analysis.figures.style import FigureError, save
+from analysis.figures.style import save
 from analysis.reading.results import RESULTS
-from cosim.machine.platform.motion import PlatformError
+from cosim.base.errors import UserError
 from cosim.machine.platform.result import PlatformResult
 
 
@@ -23,13 +23,13 @@ def test_curves_are_those_of_the_file(results):
 
 
 def test_files_that_are_no_results_are_named(tmp_path):
-    with pytest.raises(PlatformError, match=r"none\.npz: no such result of `minirobots"):
+    with pytest.raises(UserError, match=r"none\.npz: no such result of `minirobots"):
         PlatformResult.load(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("not a result")
-    with pytest.raises(PlatformError, match=r"not a result of `minirobots platform`"):
+    with pytest.raises(UserError, match=r"not a result of `minirobots platform`"):
         PlatformResult.load(tmp_path / "text.npz")
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
-    with pytest.raises(PlatformError, match="not a result"):
+    with pytest.raises(UserError, match="not a result"):
         PlatformResult.load(tmp_path / "other.npz")
 
 
@@ -44,5 +44,5 @@ def test_caption_states_the_numbers_of_the_file(results):
 
 def test_other_formats_are_refused(results, tmp_path):
     drawing = fig03.make(results)
-    with pytest.raises(FigureError, match=r"name a \.png or \.pdf file"):
+    with pytest.raises(UserError, match=r"name a \.png or \.pdf file"):
         save(drawing.figure, tmp_path / "figure.svg")

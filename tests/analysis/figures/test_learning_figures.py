@@ -24,9 +24,9 @@ from analysis.figures.learning import (
     settled_after,
     thinned,
 )
-from analysis.figures.style import FigureError
 from analysis.reading.results import RESULTS
-from analysis.reading.written import ResultError, read_experiment
+from analysis.reading.written import read_experiment
+from cosim.base.errors import UserError
 from cosim.model.built_in import BUILT_IN
 from minirobots.runner import execute
 
@@ -119,15 +119,15 @@ def test_fig05_draws_every_scenario():
 
 
 def test_other_folders_are_refused(results, tmp_path):
-    with pytest.raises(ResultError, match=r"run `minirobots experiments fig08"):
+    with pytest.raises(UserError, match=r"run `minirobots experiments fig08"):
         read_experiment("fig08", tmp_path)
     copy = RESULTS["fig08"].location(tmp_path)
     shutil.copytree(RESULTS["fig11"].location(results), copy)
-    with pytest.raises(ResultError, match="not a result of fig08"):
+    with pytest.raises(UserError, match="not a result of fig08"):
         read_experiment("fig08", tmp_path)
     shutil.copytree(RESULTS["fig08"].location(results), copy, dirs_exist_ok=True)
     (copy / "1a" / "run_001" / "policy.npz").unlink()
-    with pytest.raises(FigureError, match="runs are missing"):
+    with pytest.raises(UserError, match="runs are missing"):
         load_variants(copy, read_experiment("fig08", tmp_path))
 
 

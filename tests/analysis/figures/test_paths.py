@@ -8,8 +8,8 @@ import pytest
 
 from analysis.figures import motor_cycle, paths
 from analysis.figures.fig05 import ROBOT_COLOURS
-from analysis.figures.style import FigureError
 from analysis.reading.results import recordings
+from cosim.base.errors import UserError
 from cosim.model.params import STEERING, TABLE_I, TABLE_II
 from cosim.recording.reader import read_episode
 
@@ -53,9 +53,9 @@ def test_one_board_holds_all_tracks_of_one_robot(results):
 
 
 def test_missing_recordings_are_named(tmp_path):
-    with pytest.raises(FigureError, match=r"run `minirobots run --scenario 1a"):
+    with pytest.raises(UserError, match=r"run `minirobots run --scenario 1a"):
         paths.fig09(tmp_path)
-    with pytest.raises(FigureError, match=r"run `minirobots run --scenario 2"):
+    with pytest.raises(UserError, match=r"run `minirobots run --scenario 2"):
         motor_cycle.make(tmp_path)
 
 

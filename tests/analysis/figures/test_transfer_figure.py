@@ -6,9 +6,8 @@ import pytest
 from matplotlib.container import ErrorbarContainer
 
 from analysis.figures import transfer as transfer_figure
-from analysis.figures.style import FigureError
 from analysis.reading.results import RESULTS
-from analysis.reading.written import ResultError
+from cosim.base.errors import UserError
 from cosim.base.storage import write_json
 
 
@@ -57,14 +56,14 @@ def test_rows_without_episodes_are_left_out(rows, write_transfer):
     unknown = msgspec.structs.replace(rows[0], success=None)
     numbers = transfer_figure.make(write_transfer(*rows, unknown)).caption.numbers
     assert numbers == transfer_figure.caption(rows).numbers
-    with pytest.raises(FigureError, match="no rows with episodes"):
+    with pytest.raises(UserError, match="no rows with episodes"):
         transfer_figure.make(write_transfer(unknown))
 
 
 def test_other_files_are_refused(tmp_path):
-    with pytest.raises(ResultError, match=r"no such result of `minirobots transfer`"):
+    with pytest.raises(UserError, match=r"no such result of `minirobots transfer`"):
         transfer_figure.make(tmp_path)
     for content in ("no table", [], {}, {"rows": [{"success": 1.0}]}):
         write_json(RESULTS["transfer"].proof_in(tmp_path), content)
-        with pytest.raises(ResultError, match="not a result of"):
+        with pytest.raises(UserError, match="not a result of"):
             transfer_figure.make(tmp_path)

@@ -9,10 +9,10 @@ from markupsafe import escape
 
 from analysis.figures.style import Caption, read_caption, write_caption
 from analysis.reading.results import FIGURES
-from analysis.reading.written import ResultError
-from analysis.report.page import ReportError, not_drawn, write_report
+from analysis.report.page import not_drawn, write_report
 from analysis.report.tables import transfer_tables
 from analysis.timings import TimingsFile
+from cosim.base.errors import UserError
 
 HOSTILE = "<script>alert('claim')</script>"
 
@@ -60,7 +60,7 @@ def test_all_that_the_page_links_to_is_there(reproduction):
 
 
 def test_empty_and_damaged_results(tmp_path):
-    with pytest.raises(ReportError, match="nothing: no such folder"):
+    with pytest.raises(UserError, match="nothing: no such folder"):
         write_report(tmp_path / "nothing", tmp_path / "figures", tmp_path / "report")
     empty = tmp_path / "results"
     empty.mkdir()
@@ -71,7 +71,7 @@ def test_empty_and_damaged_results(tmp_path):
     results = empty / "experiments" / "fig08" / "results.json"
     results.parent.mkdir(parents=True)
     results.write_text("{")
-    with pytest.raises(ResultError, match=r"results\.json: not a result of `minirobots exp"):
+    with pytest.raises(UserError, match=r"results\.json: not a result of `minirobots exp"):
         write_report(empty, tmp_path / "figures", tmp_path / "report")
 
 

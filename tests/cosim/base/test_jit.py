@@ -12,9 +12,9 @@ from numba.core.errors import TypingError
 from numba.core.registry import cpu_target
 
 from cosim.base import kernel_files
+from cosim.base.errors import FileError
 from cosim.base.jit import inlined, is_compiled, kernel
 from cosim.base.kernel_files import kernel_digest
-from cosim.base.storage import StorageError
 
 
 def halved(value):
@@ -61,7 +61,7 @@ def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, caplog):
         assert run() == (1.5, 1)
     file.unlink()
     file.mkdir()
-    with pytest.raises(StorageError, match=f"{file}: a folder is where"):
+    with pytest.raises(FileError, match=f"{file}: a folder is where"):
         run()
 
 

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.base.storage import StorageError, cached, named, replacing, write_json
+from cosim.base.errors import FileError
+from cosim.base.storage import cached, replacing, require_suffix, write_json
 from tests.faults.test_disks import powerless as without_power
 
 KEPT = "kept"
@@ -145,7 +146,7 @@ def test_a_user_without_a_home_folder_is_told_of_the_variable():
 def test_a_folder_in_the_place_of_a_file_is_named(tmp_path):
     made = []
     (tmp_path / "file").mkdir()
-    with pytest.raises(StorageError, match=r"file: a folder is where this file goes"):
+    with pytest.raises(FileError, match=r"file: a folder is where this file goes"):
         from_cache(tmp_path / "file", made)
     assert not made  # not found out after hours of training
 
@@ -286,9 +287,9 @@ def test_files_are_as_readable_as_the_umask_allows(tmp_path, monkeypatch):
 
 
 def test_a_file_of_another_name_is_refused():
-    assert named("a/b.rrd", ".rrd") == Path("a/b.rrd")
-    with pytest.raises(StorageError, match=r"b\.txt: its name must end in \.rrd; choose b\.rrd"):
-        named("a/b.txt", ".rrd")
+    assert require_suffix("a/b.rrd", ".rrd") == Path("a/b.rrd")
+    with pytest.raises(FileError, match=r"b\.txt: its name must end in \.rrd; choose b\.rrd"):
+        require_suffix("a/b.txt", ".rrd")
 
 
 WITHOUT_POSIX = """

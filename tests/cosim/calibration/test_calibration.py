@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.base.errors import UserError
 from cosim.calibration.cache import calibrated, calibrated_slower, digest, find_calibration
-from cosim.calibration.speed_map import MANOEUVRES, Calibration, CalibrationError, load_calibration
+from cosim.calibration.speed_map import MANOEUVRES, Calibration, load_calibration
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
@@ -82,13 +83,13 @@ def test_motor_speeds_realise_a_motion(calibration, motor_fmu, manoeuvre, speed_
 
 def test_speeds_that_need_hopping_are_refused_with_the_largest_possible(calibration):
     fast = CoSimConfig(steering=STEERING._replace(drive_speed_m_s=0.006))
-    with pytest.raises(CalibrationError, match=r"6 mm/s .* largest .* 4\.\d\d mm/s"):
+    with pytest.raises(UserError, match=r"6 mm/s .* largest .* 4\.\d\d mm/s"):
         calibration.resolved(fast)
 
 
 def test_robots_that_only_turn_by_hopping_are_refused(calibration):
     wrong = replace(calibration, yaw_rate_rad_s=-calibration.yaw_rate_rad_s)
-    with pytest.raises(CalibrationError, match=r"diameter_m = 0\.05 hop at every .* turns them"):
+    with pytest.raises(UserError, match=r"diameter_m = 0\.05 hop at every .* turns them"):
         wrong.resolved(CoSimConfig())
 
 
@@ -121,12 +122,12 @@ def test_what_matters_changes_the_digest(motor_fmu, tmp_path):
 
 def test_damaged_files_are_refused(calibration, tmp_path):
     path = tmp_path / "calibration.npz"
-    with pytest.raises(CalibrationError, match="no such calibration"):
+    with pytest.raises(UserError, match="no such calibration"):
         load_calibration(path)
     calibration.save(path)
     assert np.array_equal(load_calibration(path).forward_m_s, calibration.forward_m_s)
     path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(CalibrationError, match="not a calibration or damaged"):
+    with pytest.raises(UserError, match="not a calibration or damaged"):
         load_calibration(path)
 
 

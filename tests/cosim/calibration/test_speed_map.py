@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration, CalibrationError
+from cosim.base.errors import UserError
+from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING
 
@@ -74,11 +75,11 @@ def test_hops_bound_the_speed_of_every_manoeuvre():
     assert rigid.hop_free_rad_s == pytest.approx(0.99 * 600.0)
     assert bouncing.hop_free_rad_s == pytest.approx(0.99 * 700.0)
     assert rigid.largest("left") == pytest.approx(6e-3)
-    with pytest.raises(CalibrationError, match=r"6.5 mm/s .* largest possible is [56]\.\d\d mm/s"):
+    with pytest.raises(UserError, match=r"6.5 mm/s .* largest possible is [56]\.\d\d mm/s"):
         rigid.motor_speed("backwards", 6.5e-3)
-    with pytest.raises(CalibrationError, match=r"4 mm/s .* least is 5\.00 mm/s"):
+    with pytest.raises(UserError, match=r"4 mm/s .* least is 5\.00 mm/s"):
         rigid.motor_speed("forwards", 4e-3)
-    with pytest.raises(CalibrationError, match=r"hops at every motor speed from 495 rad/s"):
+    with pytest.raises(UserError, match=r"hops at every motor speed from 495 rad/s"):
         _ = calibration_of(0.5, (0.2, 0.2, 0.2, 0.2)).hop_free_rad_s
 
 

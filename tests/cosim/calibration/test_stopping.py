@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.base.errors import UserError
 from cosim.base.storage import CACHE, cache_dir
 from cosim.calibration import stopping
 from cosim.calibration.shielding import with_stopping_distance
-from cosim.calibration.speed_map import CalibrationError
 from cosim.calibration.stopping import RESERVE, bound_of, corners, path_diameter, stopping_paths
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.parameters import with_motor
@@ -116,7 +116,7 @@ def test_a_slippery_patch_and_a_slope_count(motor_fmu, quick, tmp_path, world):
 
 @pytest.mark.long
 def test_a_slope_that_robots_slide_down_is_refused(motor_fmu, quick):
-    with pytest.raises(CalibrationError, match="slide on"):
+    with pytest.raises(UserError, match="slide on"):
         with_stopping_distance(CoSimConfig(world=World(floor_tilt_deg=10.0)), motor_fmu)
 
 
@@ -151,7 +151,7 @@ def test_a_camera_that_leaves_no_room_is_refused(motor_fmu, quick, monkeypatch):
     monkeypatch.setattr("cosim.calibration.straying.ROBOTS", 8)
     monkeypatch.setattr("cosim.calibration.straying.LENGTH_S", 3.0)
     worse = CoSimConfig(world=World(sensor=Sensor(rate_hz=2.0, position_noise_mm=8.0)))
-    with pytest.raises(CalibrationError, match=r"stops robots \d+ mm apart.*world.sensor"):
+    with pytest.raises(UserError, match=r"stops robots \d+ mm apart.*world.sensor"):
         with_stopping_distance(worse, motor_fmu)
 
 

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from fmpy.fmi3 import FMU3Slave
 
+from cosim.base.arguments import ConfigError
 from cosim.calibration.trial import Trial
 from cosim.coupling import assembly
 from cosim.coupling.assembly import Motors, check_motors
 from cosim.coupling.fmu import FmuError, MotorFmu
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II, TIMING
 from cosim.model.scenario_file import find_scenario
 from cosim.simulation.cosimulation import CoSimulation

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cosim.base.arguments import ConfigError
 from cosim.base.provenance import digest_of
 from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.coupling.parameters import with_motor
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II, MotorParams
 from cosim.model.scenario import Scenario
 from cosim.model.world import World

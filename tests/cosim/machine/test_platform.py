@@ -133,5 +133,5 @@ def test_command_writes_its_table_and_motions(tmp_path, command):
 
 @pytest.mark.parametrize("omega", [0.0, -900.0, 1152.0])
 def test_speeds_beyond_the_model_are_refused(omega):
-    with pytest.raises(platform.PlatformError, match="choose one between 0 and 1151 rad/s"):
+    with pytest.raises(platform.UserError, match="choose one between 0 and 1151 rad/s"):
         platform.net_speed(robot_platform(), omega)

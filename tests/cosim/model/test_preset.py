@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.base.arguments import ConfigError
+from cosim.base.errors import UserError
+from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING, TABLE_I, TABLE_II
-from cosim.model.preset import PresetError, built_in, find_preset
+from cosim.model.preset import built_in, find_preset
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import IDEAL, Sensor, World
 from cosim.simulation.options import Physics, SimulationOptions
@@ -141,7 +143,7 @@ def test_a_machine_has_its_size_on_every_board(written, size):
     assert board.squared_contact == round((100 * robot.diameter_m) ** 2)
     assert machine.config().sized(board.diameter_m).robot == robot
     message = "diameter_m = .* but scenario 1a has robot_diameter_m = 0.03; leave it out"
-    with pytest.raises(PresetError, match=message):
+    with pytest.raises(UserError, match=message):
         machine.board(replace(board, robot_diameter_m=0.03))
     small = replace(board, robot_diameter_m=0.03)
     assert find_preset("paper").board(small) == small  # whose robots have any size
@@ -149,7 +151,7 @@ def test_a_machine_has_its_size_on_every_board(written, size):
 
 def test_a_stated_size_is_kept_where_it_is_that_of_the_paper(written, tmp_path):
     find_preset(written("[robot]\ndiameter_m = 0.05")).save(tmp_path / "saved.toml")
-    with pytest.raises(PresetError, match="preset saved states diameter_m"):
+    with pytest.raises(UserError, match="preset saved states diameter_m"):
         find_preset(tmp_path / "saved.toml").board(
             replace(find_scenario("1a"), robot_diameter_m=0.04)
         )
@@ -180,11 +182,11 @@ def test_a_communication_step_of_zero_is_refused():
     ],
 )
 def test_mistakes_are_named(written, text, message):
-    with pytest.raises(PresetError, match=r"mine\.toml: ") as error:
+    with pytest.raises(UserError, match=r"mine\.toml: ") as error:
         find_preset(written(text))
     assert message in str(error.value)
 
 
 def test_unknown_names_are_refused():
-    with pytest.raises(PresetError, match=r"preset 'x'; choose .*paper, icra2006"):
+    with pytest.raises(UserError, match=r"preset 'x'; choose .*paper, icra2006"):
         find_preset("x")

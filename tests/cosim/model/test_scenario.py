@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import label
 
+from cosim.base.errors import UserError
 from cosim.model.built_in import AMONG_OBSTACLES, BUILT_IN, IN_GROUPS, PAPER
-from cosim.model.scenario import Cell, Scenario, ScenarioError
+from cosim.model.scenario import Cell, Scenario
 from cosim.model.scenario_file import find_scenario
 
 EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "four_crossing.toml"
@@ -147,18 +148,18 @@ def test_the_documented_examples_are_usable(scenario_file):
     ],
 )
 def test_wrong_files_are_refused_with_the_field(scenario_file, text, message):
-    with pytest.raises(ScenarioError, match=message):
+    with pytest.raises(UserError, match=message):
         find_scenario(scenario_file(text))
 
 
 def test_missing_file_and_unknown_name(tmp_path):
-    with pytest.raises(ScenarioError, match="no such scenario file"):
+    with pytest.raises(UserError, match="no such scenario file"):
         find_scenario(tmp_path / "none.toml")
-    with pytest.raises(ScenarioError, match=r"unknown scenario '5'.*1a, 1b, 2, 3, 4"):
+    with pytest.raises(UserError, match=r"unknown scenario '5'.*1a, 1b, 2, 3, 4"):
         find_scenario("5")
 
 
 @pytest.mark.parametrize("wrong", [{"columns": 0}, {"rows": 501}, {"cell_m": 0.0}])
 def test_records_check_themselves(wrong):
-    with pytest.raises(ScenarioError, match=next(iter(wrong))):
+    with pytest.raises(UserError, match=next(iter(wrong))):
         Scenario("x", "", ((0, 0),), (((1, 0),),), **wrong)

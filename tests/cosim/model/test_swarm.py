@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cosim.model.scenario import ScenarioError
+from cosim.base.errors import UserError
 from cosim.model.scenario_file import find_scenario
 from cosim.model.swarm import BUILT_IN_SWARMS, FORMATIONS
 from cosim.onboard.observing import draw_starts
@@ -66,5 +66,5 @@ def test_targets_come_from_a_file_or_a_list(tmp_path):
 def test_what_cannot_be_is_refused_by_name(tmp_path, text, message):
     (tmp_path / "one.csv").write_text("1\n2\n3\n4\n")
     (tmp_path / "three.csv").write_text("1,2\n3,4,5\n6\n")
-    with pytest.raises(ScenarioError, match=message):
+    with pytest.raises(UserError, match=message):
         scenario(tmp_path, text)

@@ -6,9 +6,10 @@ import math
 import numpy as np
 import pytest
 
+from cosim.base.errors import UserError
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II
-from cosim.model.world import IDEAL, Drawn, Patch, Sensor, World, WorldError, draw_world
+from cosim.model.world import IDEAL, Drawn, Patch, Sensor, World, draw_world
 from cosim.physics.properties import gravity
 
 SEED = np.random.SeedSequence(7)
@@ -34,7 +35,7 @@ SEED = np.random.SeedSequence(7)
     ],
 )
 def test_worlds_that_cannot_be_are_refused(kind, values, said):
-    with pytest.raises(WorldError, match=said):
+    with pytest.raises(UserError, match=said):
         kind(**values)
 
 

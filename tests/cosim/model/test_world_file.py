@@ -4,7 +4,7 @@ import pytest
 
 from cosim.base.errors import UserError
 from cosim.model.scenario_file import find_in_world, find_scenario
-from cosim.model.world import IDEAL, Patch, Sensor, WorldError
+from cosim.model.world import IDEAL, Patch, Sensor
 
 SCENARIO = """
 columns = 20
@@ -87,5 +87,5 @@ def test_a_world_that_would_have_no_effect_is_refused(write):
     obstacles = "\n[world]\nobstacles = [[14, 10]]\n"
     walled = find_scenario(write("walled.toml", SCENARIO + obstacles), ideal=True)
     assert (14, 10) in walled.obstacles
-    with pytest.raises(WorldError, match="has no effect here, but for obstacles"):
+    with pytest.raises(UserError, match="has no effect here, but for obstacles"):
         find_scenario(write("own.toml", SCENARIO + WORLD), ideal=True)

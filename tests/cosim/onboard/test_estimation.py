@@ -36,7 +36,7 @@ def drive(sensor: Sensor, params: EstimatorParams, noise: EstimatorParams, seed=
     x, y, heading = 0.1, 0.2, 0.5
     rows = []
     for _ in range(periods):
-        cameras.look(camera, frames, estimate, sight, (x, y, heading), params)
+        cameras.update_estimate(camera, frames, estimate, sight, (x, y, heading), params)
         rows.append(np.concatenate([(x, y, heading), estimate[POSE : COVARIANCE + 9]]))
         speed, yaw_rate = 5e-3, 0.3
         estimation.take_command(estimate, speed, yaw_rate, True, PERIOD_S, params)
@@ -117,7 +117,7 @@ def test_an_estimate_is_the_textbooks_of_the_frames_that_have_arrived(sensor):
     known = Textbook(poses[0], noise)
     reference, arrived = commanded[0], 0
     for now in range(periods):
-        cameras.look(camera, frames, estimate, sight, tuple(poses[now]), ESTIMATOR)
+        cameras.update_estimate(camera, frames, estimate, sight, tuple(poses[now]), ESTIMATOR)
         while taken[arrived] + delay <= now:
             if sight[arrived, 3]:
                 at = taken[arrived]
@@ -181,7 +181,7 @@ def test_frames_come_at_their_rate_whatever_the_control_period():
     camera, estimate = camera_of(sensor, PERIOD_S), np.zeros(ESTIMATE_SIZE)
     frames, sight = np.zeros((frames_in_flight(sensor), FRAME_SIZE)), np.ones((91, 4))
     for _ in range(3000):
-        cameras.look(camera, frames, estimate, sight, (0.0, 0.0, 0.0), ESTIMATOR)
+        cameras.update_estimate(camera, frames, estimate, sight, (0.0, 0.0, 0.0), ESTIMATOR)
     assert camera[cameras.SIGHT] == 90
     assert len(camera) == CAMERA_SIZE
 
@@ -192,7 +192,7 @@ def test_a_robot_that_stands_is_known_better_with_every_frame():
     sight = draw_sight(ROUGH, np.random.default_rng(0), 200)
     variance = []
     for period in range(4000):
-        cameras.look(camera, frames, estimate, sight, (0.1, 0.2, 0.5), ESTIMATOR)
+        cameras.update_estimate(camera, frames, estimate, sight, (0.1, 0.2, 0.5), ESTIMATOR)
         variance.append(estimate[COVARIANCE])
         driven = 1000 <= period < 2000
         estimation.take_command(estimate, 0.0, 0.0, driven, PERIOD_S, ESTIMATOR)
@@ -208,6 +208,6 @@ def test_without_a_camera_the_pose_is_the_true_one():
     estimate = np.zeros(ESTIMATE_SIZE)
     pose = (0.123456789, 0.2, -1.0)
     nothing = np.zeros((0, FRAME_SIZE)), estimate, np.zeros((0, 4))
-    cameras.look(camera_of(Sensor(), PERIOD_S), *nothing, pose, ESTIMATOR)
+    cameras.update_estimate(camera_of(Sensor(), PERIOD_S), *nothing, pose, ESTIMATOR)
     assert tuple(estimate[POSE : POSE + 3]) == pose
     assert not estimate[COVARIANCE:].any()

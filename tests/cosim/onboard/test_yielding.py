@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.base.arguments import ConfigError
+from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD, TIMING
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTIONS

@@ -8,11 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.base.errors import UserError
 from cosim.base.jit import kernel
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import COLLISION, RUNNING
 from cosim.model.params import SHIELD, TABLE_I, TIMING
-from cosim.model.scenario import Scenario, ScenarioError, touches_obstacle
+from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.model.scenario_file import find_scenario
 from cosim.onboard.features import DIRECTIONS
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
@@ -85,10 +86,10 @@ def test_no_rounding_decides_on_the_grid(diameter_m, cell_m):
     sizes = {"cell_m": cell_m, "robot_diameter_m": diameter_m}
     diameter = round(diameter_m / cell_m)
     starts = (((0, 0),), ((29, 29),))
-    with pytest.raises(ScenarioError, match="do not both fit there"):
+    with pytest.raises(UserError, match="do not both fit there"):
         Scenario("o", "", ((20, 20), (20 - diameter, 20)), starts, **sizes)
     reach = (diameter + 1) // 2  # cells from a cell's middle to an obstacle's, at contact
-    with pytest.raises(ScenarioError, match="touches an obstacle"):
+    with pytest.raises(UserError, match="touches an obstacle"):
         Scenario("o", "", ((20, 20),), starts[:1], obstacles=((20, 20 + reach),), **sizes)
     Scenario("o", "", ((20, 20),), starts[:1], obstacles=((20, 21 + reach),), **sizes)
 
@@ -102,7 +103,7 @@ def test_no_rounding_decides_on_the_grid(diameter_m, cell_m):
 )
 def test_robots_cannot_start_or_park_touching_an_obstacle(tmp_path, field, text):
     (tmp_path / "tight.toml").write_text(text)
-    with pytest.raises(ScenarioError) as refusal:
+    with pytest.raises(UserError) as refusal:
         find_scenario(tmp_path / "tight.toml")
     assert f"{field} has cell (8, " in str(refusal.value)
     assert "robot of 5.0 cm touches an obstacle" in str(refusal.value)

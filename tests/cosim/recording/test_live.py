@@ -11,14 +11,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from minirobots.commands.run import Run, run
 from rerun.chunk import RrdReader
 
+from cosim.base.arguments import ConfigError
+from cosim.base.errors import UserError
 from cosim.base.progress import silent
-from cosim.model.config import ConfigError
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
-from cosim.recording.live import DEFAULT_VIEWER, LiveError, find_viewer, spawn_viewer
-from minirobots.commands.run import Run, run
+from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
 
 RERUN = Path(sys.executable).with_name("rerun")
 
@@ -62,7 +63,7 @@ def server(tmp_path):
         try:
             find_viewer(address(port))
             break
-        except LiveError:
+        except UserError:
             assert process.poll() is None
             time.sleep(0.1)
     yield address(port), received, end
@@ -156,14 +157,14 @@ def test_frozen_viewer_does_not_hold_the_command_up(server, tmp_path):
 @pytest.mark.parametrize("how", [find_viewer, spawn_viewer])
 @pytest.mark.parametrize("url", ["127.0.0.1:9876", "http://127.0.0.1/proxy", "rerun+http://x"])
 def test_address_that_is_none_is_named(how, url):
-    with pytest.raises(LiveError, match=DEFAULT_VIEWER.replace("+", r"\+")):
+    with pytest.raises(UserError, match=DEFAULT_VIEWER.replace("+", r"\+")):
         how(url)
 
 
 def test_missing_viewer_is_told_before_anything_is_done(tmp_path):
     url = address(free_port())
     options = Run(live=True, viewer=url, out=tmp_path / "x")
-    with pytest.raises(LiveError, match="no Rerun viewer answers at"):
+    with pytest.raises(UserError, match="no Rerun viewer answers at"):
         next(run(options, silent))
     assert not (tmp_path / "x").exists()
 

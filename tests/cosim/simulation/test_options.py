@@ -2,8 +2,9 @@
 
 import pytest
 
+from cosim.base.arguments import ConfigError
 from cosim.calibration.shielding import with_stopping_distance
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD, SPEED_NOISE, TABLE_I
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import World

@@ -16,7 +16,8 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.base.arguments import ConfigError
+from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II, TIMING, describe
 from cosim.model.scenario_file import find_scenario
 from cosim.simulation.tasks import Task
@@ -217,20 +218,20 @@ def test_system_compiler_stands_in_for_ziglang(monkeypatch, tmp_path):
     assert validate_fmu(str(path)) == []
     result = fmpy.simulate_fmu(str(path), stop_time=0.1, start_values={"omega_des": 700.0})
     assert result["omega"][-1] > 600.0
-    with pytest.raises(build.BuildError, match="ziglang"):
+    with pytest.raises(build.UserError, match="ziglang"):
         compiler.compile_library(MODEL, render_header(load_table(), ""), "aarch64-darwin")
 
 
 def test_missing_compiler_is_one_sentence(monkeypatch):
     monkeypatch.setattr(compiler.importlib.util, "find_spec", lambda _name: None)
     monkeypatch.setattr(compiler.shutil, "which", lambda _name: None)
-    with pytest.raises(build.BuildError, match="install ziglang"):
+    with pytest.raises(build.UserError, match="install ziglang"):
         compiler.compiler_command()
 
 
 def test_compiler_errors_are_told(monkeypatch):
     monkeypatch.setattr(compiler, "FLAGS", (*compiler.FLAGS, "-fno-such-flag"))
-    with pytest.raises(build.BuildError, match="no-such-flag"):
+    with pytest.raises(build.UserError, match="no-such-flag"):
         compiler.compile_library(MODEL, render_header(load_table(), ""), compiler.host_target())
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cosim.base.errors import UserError
 from cosim.base.jit import kernel
 from cosim.coupling.calls import do_step
 from cosim.coupling.fmu import MotorFmu
@@ -21,7 +22,6 @@ from tests.judge.building import build_fmucheck, build_fmusim, version_in
 from tests.judge.experiment import INPUTS, OUTPUTS, STEP_S, STEPS, reference_rows
 from tests.judge.tools import (
     Artefact,
-    JudgeError,
     Tool,
     ask,
     package_version,
@@ -164,10 +164,10 @@ def test_command_writes_the_table_of_a_page(command, artefacts, monkeypatch, tmp
 
 
 def test_sources_that_are_none_are_refused(monkeypatch, tmp_path):
-    with pytest.raises(JudgeError, match="no fmusim"):
+    with pytest.raises(UserError, match="no fmusim"):
         build_fmusim(tmp_path, tmp_path / "out")
     monkeypatch.setattr("os.defpath", str(tmp_path))
-    with pytest.raises(JudgeError, match="cmake"):
+    with pytest.raises(UserError, match="cmake"):
         build_fmucheck(tmp_path, tmp_path / "out")
     assert version_in(Path("Reference-FMUs-0.0.39")) == "0.0.39"
 

@@ -7,6 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from cosim.base.arguments import ConfigError
+from cosim.base.errors import FileError
 from cosim.machine.identification.fit import Fit, unidentifiable
 from cosim.machine.identification.motion import Machine, tracks
 from cosim.machine.identification.noise import Noise, deviance, likeliest_noise, residuals
@@ -17,11 +19,10 @@ from cosim.machine.identification.track import (
     SEQUENCE,
     UNITS,
     SeenTrack,
-    TrackError,
     read_track,
     write_excitation,
 )
-from cosim.model.config import ConfigError, CoSimConfig
+from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II
 from cosim.model.preset import find_preset
 from cosim.physics.body_state import STATE_SIZE, standing_state
@@ -165,7 +166,7 @@ def test_what_is_no_track_is_refused_with_its_line(tmp_path, change, says):
     path = tmp_path / "track.csv"
     write_track(path, GOOD)
     path.write_text("\n".join(change(path.read_text().splitlines())))
-    with pytest.raises(TrackError, match=says):
+    with pytest.raises(FileError, match=says):
         read_track(path)
 
 
@@ -210,14 +211,14 @@ def test_signs_that_no_robot_can_have_are_refused(tmp_path, heading_rad, poses, 
     if says is None:
         read_track(tmp_path / "track.csv")
         return
-    with pytest.raises(TrackError, match=says):
+    with pytest.raises(FileError, match=says):
         read_track(tmp_path / "track.csv")
 
 
 def test_a_robot_that_leaves_the_board_is_refused(tmp_path):
     write_track(tmp_path / "track.csv", GOOD)
     assert len(read_track(tmp_path / "track.csv", (0.16, 0.16)).times) == len(GOOD.times)
-    with pytest.raises(TrackError, match="line 2: the robot has left the board"):
+    with pytest.raises(FileError, match="line 2: the robot has left the board"):
         read_track(tmp_path / "track.csv", (0.16, 0.09))
 
 

@@ -1,0 +1,347 @@
+"""Commands that simulate episodes: a run of them, and one that was recorded, again."""
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+import tyro
+
+from agent.training.settings import COMPUTED, Method
+from cosim.base.arguments import ConfigError
+from cosim.base.command import (
+    Count,
+    File,
+    Jobs,
+    MotorFmuFile,
+    NewFolder,
+    NotNegative,
+    ScenarioName,
+    Seed,
+    workers,
+)
+from cosim.base.errors import in_shell
+from cosim.base.progress import Progress, under_way
+from cosim.model.scenario_file import find_scenario
+from cosim.recording.live import DEFAULT_VIEWER
+from cosim.simulation.options import Physics, SimulationOptions, resolve
+from minirobots.runner import Command, Output
+
+if TYPE_CHECKING:
+    from agent.mdp.greedy import GreedyPolicy
+    from agent.training.loop import TrainingLog
+    from cosim.model.scenario import Scenario
+    from cosim.recording.reader import RecordingData
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(Command):
+    """Mini-robots learn to reach their targets, then drive there with motors, mass and friction.
+
+    The agents are trained (or found in the cache if this configuration was trained before), and
+    every episode of the co-simulation steps the motor FMUs and the rigid bodies with dt = 1e-5 s
+    while the agents decide every 2 s. Results go to the output folder: summary.json, policy.npz,
+    training.rrd and one recording per episode, to be opened in the Rerun viewer.
+
+    fmpy loads the motor FMUs and steps them; python-control checks their speed loop (minirobots
+    motor-loop); Gymnasium and PettingZoo environments (agent.envs) give other learners the same
+    boards; Rerun keeps and shows every signal.
+    """
+
+    kept = "results so far are in {out}/"
+
+    scenario: ScenarioName = "2"
+    out: NewFolder = None
+    episodes: Count = 1
+    """Episodes to co-simulate, each from start cells drawn with the seed."""
+    method: Method | None = None
+    """How agents learn: on the grid as in Section V (paper, the default for one robot or two on up
+    to 1000 cells), or on moves observed in co-simulation (moves, the default with obstacles, for
+    larger boards and for swarms). Or they are computed without learning: of one or two robots the
+    joint paths that are optimal on the grid by length (shortest), of one or two the least time on
+    observed moves (fastest; two with --through), of up to eight paths in space and time, which they
+    plan while they drive (planned, the default for three to eight)."""
+    train_episodes: Count | None = None
+    """Episodes to train; by default 5 000 000 on the grid (Section V), and 1 500 000 on moves."""
+    seed: Seed = 0
+    train_seed: NotNegative | None = None
+    """Seed of training: by default 0, so that every --seed uses the same policy, trained once."""
+    again: Annotated[bool, tyro.conf.arg(aliases=["--retrain"])] = False
+    """Train even if the cache has a policy of this configuration."""
+    policy: File | None = None
+    """Trained policy to use instead of training: a file (policy.npz)."""
+    record: Literal["none", "summary", "default", "full"] = "default"
+    """Amount to record: nothing (only summary.json and the policy are written); decisions and
+    poses; every signal, motors at 1 kHz, under 20 MB per minute of two robots; or every signal at 1
+    kHz with longer bursts at every tick."""
+    signals: tuple[Count, ...] = ()
+    """Robots with recorded signals, from 1; by default all of up to 64, else the first four. For
+    the others only poses are recorded."""
+    no_record: bool = False
+    """Short for --record none."""
+    live: bool = False
+    """Send recorded data to a running Rerun viewer too, while the episodes run."""
+    spawn: bool = False
+    """Open a Rerun viewer on this machine and send it the recorded data."""
+    viewer: Annotated[str, tyro.conf.arg(metavar="URL")] = DEFAULT_VIEWER
+    """Address of the viewer for --live and --spawn."""
+    jobs: Jobs = -1
+    driver: Literal["fmpy", "compiled", "reference"] | None = None
+    """Driver that steps the motor FMUs: fmpy calls doStep of fmpy's class once per control period
+    of 1 ms; compiled calls their C functions at every tick (the same bits, an episode some 16 %
+    faster); reference calls fmpy's class at every tick (the same bits, some 400 times slower).
+    By default fmpy, and compiled with --reaction or a motor FMU without samples of its outputs."""
+    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=SimulationOptions
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.no_record:
+            if self.record not in {"none", "default"}:
+                raise ConfigError(
+                    f"--no-record contradicts --record {self.record}; leave out one of them"
+                )
+            object.__setattr__(self, "record", "none")
+        of_training = {
+            "--method": self.method,
+            "--train-episodes": self.train_episodes,
+            "--train-seed": self.train_seed,
+            "--again": self.again or None,
+        }
+        given = [name for name, value in of_training.items() if value is not None]
+        if self.policy is not None and given:
+            raise ConfigError(
+                f"{' and '.join(given)}: nothing is trained with --policy, which names a trained "
+                "policy; leave one of them out"
+            )
+        if self.viewer != DEFAULT_VIEWER and not (self.live or self.spawn):
+            raise ConfigError("--viewer has no effect without --live or --spawn; add one of them")
+        if self.record == "none" and self.signals:
+            raise ConfigError("--signals has no effect where nothing is recorded; leave it out")
+        if self.record == "none" and (self.live or self.spawn):
+            raise ConfigError("--live and --spawn show what is recorded; choose another --record")
+
+    def subject(self) -> str:
+        return find_scenario(self.scenario).name
+
+    def run(self, progress: Progress) -> Output:
+        from msgspec.structs import asdict
+
+        from agent.evaluation.series import RunFacts, Series
+        from agent.policies import method_name
+        from agent.training.recording import write_training
+        from cosim.base.provenance import versions
+        from cosim.base.table import show_texts
+        from cosim.coupling.rl_step import sampled_of
+        from cosim.recording.live import find_viewer, spawn_viewer
+        from cosim.recording.series import with_bursts
+        from cosim.simulation.ahead import compiling_ahead
+        from cosim.simulation.batch import chosen_driver
+        from cosim.simulation.tasks import compile_kernels
+        from fmus.build import identity_of_fmu
+
+        out, threads, record = self.out, workers(self.jobs), self.record
+        assert out is not None
+        written = 0 if record == "none" else self.episodes
+        if more := sorted((out / "episodes").glob("ep_*.rrd"))[written:]:
+            raise ConfigError(
+                f"{more[0]} is of a run of other episodes, and would stay next to the new summary; "
+                "choose another --out, or remove it"
+            )
+        scenario, config, fmu = resolve(self.physics, self.scenario, progress)
+        viewer = None
+        if self.spawn:
+            viewer = spawn_viewer(self.viewer)
+        elif self.live:
+            viewer = find_viewer(self.viewer)
+        config = with_bursts(config, record)
+        driver = chosen_driver(self.driver, fmu, config)
+        with compiling_ahead(scenario.robots, driver, self.episodes, threads):
+            policy, log = self._policy(scenario, progress)
+        seed = policy.config.seed
+        facts = RunFacts(
+            scenario=scenario.name,
+            title=scenario.title,
+            seed=self.seed,
+            train_seed=seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
+            driver=driver,
+            motor_fmu=fmu.name,
+            motor_fmu_digest=identity_of_fmu(fmu),
+            method=method_name(policy),
+            versions=versions(),
+        )
+        how = viewer, record, progress, sampled_of(scenario.robots, self.signals)
+        series = Series(scenario, fmu, config, policy, out, facts, *how)
+        series.refuse_other_results()
+        policy.save(out / "policy.npz")
+        if record != "none" and log is not None:
+            write_training(out / "training.rrd", policy, log, asdict(facts))
+        with under_way(progress, "preparing the kernels"):
+            compile_kernels(series.task(0), self.episodes, threads)
+        results = list(series.run(self.episodes, threads))
+        names = "episode", "outcome", "path length", "rotation", "simulated", "× real time"
+        rows = [
+            (
+                str(number),
+                result.outcome,
+                f"{result.path_length_cm:.1f} cm",
+                f"{result.rotation_deg:.0f}°",
+                f"{result.sim_time_s:.0f} s",
+                f"{result.realtime_factor:.1f}",
+                result.recording or "none",
+            )
+            for number, result in enumerate(results)
+        ]
+        first = [out / result.recording for result in results[:1] if result.recording]
+        return Output(
+            {"episodes": results},
+            partial(show_texts, (*names, "recording"), rows),
+            f"results in {out}/: summary.json, policy.npz",
+            *(f"open with: {in_shell('rerun')} {path}" for path in first),
+        )
+
+    def _policy(
+        self, scenario: "Scenario", progress: Progress
+    ) -> "tuple[GreedyPolicy, TrainingLog | None]":
+        from agent.method import best_method, method_policy
+        from agent.policies import load_policy
+
+        if self.policy is not None:
+            return load_policy(self.policy, scenario), None
+        method = self.method or best_method(scenario)
+        if method in COMPUTED and (self.train_episodes or self.train_seed is not None):
+            raise ConfigError(
+                f"--train-episodes, --train-seed: method {method} is computed, not trained; leave "
+                "them out, or choose a method that learns, such as moves"
+            )
+        policy, log, _ = method_policy(
+            method,
+            scenario,
+            self.train_seed or 0,
+            episodes=self.train_episodes,
+            motor_fmu=self.physics.motor_fmu,
+            motor_parameters=self.physics.motor_parameters,
+            again=self.again,
+            progress=progress,
+        )
+        return policy, log
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replay(Command):
+    """Run a recorded episode again and compare every signal, bit for bit.
+
+    Scenario, parameters, start cells and seeds are those of the recording; the policy is that of
+    the run. Exits with status 1 if anything differs. A recording that a killed run left is compared
+    as far as it goes.
+    """
+
+    recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING.rrd")]
+    """Recording of an episode."""
+    policy: File | None = None
+    """Policy of the run; by default policy.npz in the folder above that of the recording."""
+    motor_fmu: MotorFmuFile = None
+
+    def run(self, progress: Progress) -> Output:
+        from agent.policies import load_policy
+        from cosim.base.provenance import versions
+        from cosim.base.reading import parsing
+        from cosim.coupling.rl_step import sampled_of
+        from cosim.recording.episode import EpisodeRecorder
+        from cosim.recording.file import Kept
+        from cosim.recording.reader import EPISODE, read_chunks, read_rrd
+        from cosim.simulation.episode import RunningEpisode
+        from cosim.simulation.tasks import EpisodeOrigin, Task, recorder_of, simulate_tasks
+
+        data = read_rrd(self.recording)
+        with parsing(self.recording, EPISODE):
+            origin = msgspec.json.decode(data.properties["origin"]["task"], type=EpisodeOrigin)
+            level = data.properties["episode"]["record"]
+            signals = msgspec.json.decode(data.properties["episode"].get("signals", "[]"))
+            then = msgspec.json.decode(data.properties["episode"]["versions"], type=dict[str, str])
+        path = self.policy or self.recording.absolute().parents[1] / "policy.npz"
+        loaded = load_policy(path, origin.scenario)
+        task = Task.again(origin, Physics(motor_fmu=self.motor_fmu).fmu(progress), loaded)
+        kept = Kept()
+
+        def recorder(episode: RunningEpisode) -> EpisodeRecorder:
+            maps = loaded.maps()
+            return recorder_of(episode, kept, data.recording_id, {}, level=level, policies=maps)
+
+        def watch(_: Any, episode: RunningEpisode, __: float) -> None:
+            progress("replaying", episode.time_s, task.config.timing.episode_limit_s)
+
+        sampled = sampled_of(task.scenario.robots, signals)
+        for _ in simulate_tasks(
+            [replace(task, recorder=recorder, watch=watch, sampled=sampled)], 1
+        ):
+            pass
+        replayed = read_chunks(kept.chunks, data.recording_id)
+        now = versions()
+        changed = {k: (v, now.get(k, "")) for k, v in then.items() if v != now.get(k)}
+        differences = _differences(data, replayed)
+        signals, values = _series(data), sum(v.size for _, v in _series(data).values())
+        ended = "" if data.complete else " as far as the recording goes, which is not complete"
+        count = len(signals | _series(replayed))
+        return Output(
+            {
+                "recording": str(data.path),
+                "complete": data.complete,
+                "signals": count,
+                "values": values,
+                "differences": [{"signal": name, "time_s": at} for name, at in differences.items()],
+                "versions": changed,
+            },
+            *(
+                f"{name} was {was} when it was recorded, and is {is_now or 'missing'} now"
+                for name, (was, is_now) in changed.items()
+            ),
+            *(
+                f"{signal} differs" + ("" if time_s is None else f" from {time_s:g} s on")
+                for signal, time_s in differences.items()
+            ),
+            f"{count - len(differences)} of {count} signals ({values} values) are equal in every "
+            f"bit{ended}",
+            failed=bool(differences),
+        )
+
+
+_NONE = (np.empty(0), np.empty(0))
+
+
+def _differences(recorded: "RecordingData", replayed: "RecordingData") -> dict[str, float | None]:
+    """Return the time from which on signals differ, by name; None if one of them lacks samples."""
+    series, found = [_series(data) for data in (recorded, replayed)], {}
+    for name in sorted(series[0] | series[1]):
+        was, now = (signals.get(name, _NONE) for signals in series)
+        if not recorded.complete:
+            now = tuple(part[: len(was[0])] for part in now)
+        at = _first_difference(was, now)
+        if at is not None:
+            found[name] = float(was[0][at]) if at < min(len(was[0]), len(now[0])) else None
+    return found
+
+
+def _series(data: "RecordingData") -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Times and values of all signals and texts."""
+    found = {name: (signal.time_s, signal.values) for name, signal in data.signals.items()}
+    return found | {name: (t.time_s, np.array(t.texts)) for name, t in data.texts.items()}
+
+
+def _first_difference(was: tuple[np.ndarray, ...], now: tuple[np.ndarray, ...]) -> int | None:
+    """Index of the first sample that is not the same bits; None if all are."""
+    count = min(len(was[0]), len(now[0]))
+    equal = np.full(count, fill_value=True)
+    for a, b in zip(was, now, strict=True):
+        if a.shape[1:] != b.shape[1:]:
+            return 0
+        if a.dtype == b.dtype == np.float64:  # NaN is equal to itself, and 0 not to −0
+            a, b = (np.ascontiguousarray(part).view(np.int64) for part in (a, b))  # noqa: PLW2901
+        equal &= (a[:count] == b[:count]).reshape(count, math.prod(a.shape[1:])).all(axis=1)
+    if not equal.all():
+        return int(equal.argmin())
+    return None if len(was[0]) == len(now[0]) else count

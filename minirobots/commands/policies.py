@@ -1,0 +1,481 @@
+"""Commands that make policies, and say what they achieve."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import tyro
+
+from agent.experiments.variants import Name
+from agent.mdp.config import ProcessConfig
+from agent.moves.worlds import RANGES, WorldRange
+from agent.study.axes import AXES, Axis
+from agent.training.settings import COMPARED, FACTS, LearningConfig, Method, read_settings
+from cosim.base.arguments import ConfigError, require_one_of, validate_argument
+from cosim.base.command import (
+    BudgetMinutes,
+    Count,
+    File,
+    Folder,
+    Jobs,
+    NewFolder,
+    NotNegative,
+    Positive,
+    ScenarioName,
+    Seed,
+    workers,
+)
+from cosim.base.errors import UserError, in_shell
+from cosim.base.jobs import PROCESSES, THREADS, Where
+from cosim.base.progress import Progress
+from cosim.model.built_in import PAPER
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import ROUGH, find_scenario, read_world
+from cosim.simulation.options import DecisionOptions, Physics, SimulationOptions
+from minirobots.runner import RESUMES, Command, Output
+
+AsOptions = Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Methods(Command):
+    """Print the methods that make policies: how, for how many robots, and when to use them.
+
+    They are the values of --method of `minirobots run`. docs/methods.md compares what they achieve.
+    """
+
+    def run(self, progress: Progress) -> Output:
+        from cosim.base.table import show_texts
+
+        rows = [{"method": method, **facts._asdict()} for method, facts in FACTS.items()]
+        cells = [tuple(row.values()) for row in rows]
+        return Output({"methods": rows}, lambda: show_texts(tuple(rows[0]), cells))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train(Command):
+    """Train Q-learning agents on the grid: many independent runs, each with its own seed.
+
+    Every run gets a folder with its policy, its learning curves and a recording for the Rerun
+    viewer; runs are evaluated from every start. The same command with --out continues after an
+    interrupt, and the results are bit-identical to those of a command that was not interrupted.
+    """
+
+    kept = RESUMES
+
+    scenario: ScenarioName = "4"
+    out: NewFolder = None
+    runs: Count = 1
+    """Independent runs (the paper: 20)."""
+    seed: Seed = 0
+    config: File | None = None
+    """Settings file with tables [process] and [learning]; options given here override it."""
+    moves: File | None = None
+    """Moves observed by `minirobots moves`: train on them instead of the grid."""
+    where: Where = PROCESSES
+    log: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder of event files for TensorBoard, with a folder for each run; by default none. It needs
+    the extra log."""
+    process: ProcessConfig = field(default_factory=ProcessConfig)
+    learning: LearningConfig = field(default_factory=LearningConfig)
+
+    @classmethod
+    def defaults(cls, arguments: list[str]) -> Self | None:
+        words = [word for argument in arguments for word in argument.split("=", 1)]
+        if "--config" not in words[:-1]:
+            return None
+        path = Path(words[words.index("--config") + 1])
+        process, learning = read_settings(path)
+        return cls(config=path, process=process, learning=learning)
+
+    def subject(self) -> str:
+        return f"train-{find_scenario(self.scenario).name}"
+
+    def run(self, progress: Progress) -> Output:
+        from agent.evaluation.grid import show
+        from agent.experiments.run import train_and_evaluate
+        from agent.moves.model import ObservedMoves
+        from agent.training.runs import Experiment
+
+        assert self.out is not None
+        board, moves = find_scenario(self.scenario), self.moves and ObservedMoves.load(self.moves)
+        experiment = Experiment(board, self.process, self.learning, self.seed, self.runs, moves)
+        how = {"where": self.where, "log": self.log, "progress": progress}
+        summary = train_and_evaluate(experiment, self.out, **how)
+        more = ", and training.rrd of all runs" if self.runs > 1 else ""
+        files = f"summary.json, run_*/policy.npz, training.npz, training.rrd{more}"
+        return Output(summary, partial(show, summary), f"results in {self.out}/: {files}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate(Command):
+    """Evaluate policies in the full co-simulation: motors, friction, noise, decisions every 2 s.
+
+    Every start, or a sample drawn with the seed, gives one episode; rates have 95 % Wilson
+    intervals, paths are compared with the policy's own on the grid. Every result is kept when the
+    episode ends: the same command, or one that asks for more starts, resumes. Failures and a few
+    successes are recorded for the Rerun viewer.
+
+    With --grid every policy is evaluated on the grid instead, by the greedy episode from every
+    combination of start cells. Up to 10 000 combinations nothing is sampled: scenarios 1a, 1b and 2
+    to 4 have 30, 116 and 900. Where there are more, 10 000 are drawn, and success has a 95 %
+    interval. Path length and moves are means over robots and successful starts; their ratio to the
+    exact optimum (minirobots bound) shows how far a policy is from the best possible one.
+    """
+
+    policies: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """Policies (policy.npz), folders of runs made by `minirobots train`, names of methods, or
+    MODULE:NAME of an object with act(observation) or of its class; methods and objects need a
+    --scenario."""
+    policy: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """A policy as above; repeat it for several."""
+    grid: bool = False
+    """Evaluate on the grid, exactly; takes files and folders of runs, and no option but --json."""
+    starts: str | None = None
+    """Number of starts to sample without replacement, or 'all' (1a 30, 1b 116, pairs 900, those
+    that start on one side 600); by default 50, or all where there are fewer. With --claim the
+    maximum number of episodes, by default all starts; more than that begin again with the first
+    start, each time with other noise."""
+    claim: str | None = None
+    """Claim to certify or refuse, such as 'collision < 1e-2': RATE < p or RATE > p with the rate of
+    collision, out_of_board, timeout, failure or success. The evaluation ends with the episode that
+    decides it; the exit status is 1 unless every policy is certified."""
+    confidence: Annotated[float | None, tyro.conf.arg(metavar="P")] = None
+    """Least probability that the verdict is right, by default 0.999."""
+    seed: Seed = 0
+    scenario: str | None = None
+    """Scenario (a name, or a file) of methods and objects; files of any other one are refused."""
+    out: Folder = Path("runs/evaluate")
+    """Folder of results and recordings; results of other configurations are kept apart in it."""
+    recordings: NotNegative = 3
+    """Episodes of each policy to record: at most this number of failures and of successes."""
+    where: Where = THREADS
+    physics: AsOptions = field(default_factory=SimulationOptions)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        number = self.starts is None or (self.starts.isdecimal() and int(self.starts) > 0)
+        if not number and self.starts != "all":
+            raise ConfigError(f"--starts {self.starts} is neither 'all' nor a positive number")
+        if self.grid:
+            of_grid = {"policies", "policy", "grid", "json"}
+            if without := [name for name in _changed(self, Evaluate()) if name not in of_grid]:
+                named = ", ".join(f"--{name.replace('_', '-')}" for name in without)
+                raise ConfigError(f"{named}: no effect with --grid; leave one of them out")
+
+    def interrupted(self) -> str:
+        return "" if self.grid else RESUMES.format(out=self.out)
+
+    def run(self, progress: Progress) -> Output:
+        policies = (*self.policies, *self.policy)
+        if self.grid:
+            from agent.evaluation import grid
+            from agent.policies import load_policy
+
+            paths = grid.policy_files(tuple(map(Path, policies)))
+            exact = grid.report_of((str(path), load_policy(path)) for path in paths)
+            return Output(exact, partial(grid.show, exact))
+        from agent.evaluation.claims import claim_of
+        from agent.study.evaluate import evaluate, show
+
+        report = evaluate(
+            policies,
+            self.physics,
+            self.out,
+            seed=self.seed,
+            scenario=self.scenario,
+            starts=self.starts if self.starts in (None, "all") else int(self.starts),
+            claim=claim_of(self.claim, self.confidence),
+            recordings=self.recordings,
+            where=self.where,
+            progress=progress,
+        )
+        recordings = [path for row in report.policies for path in row.recordings]
+        return Output(
+            report,
+            partial(show, report),
+            f"results in {self.out}/",
+            *(f"open with: {in_shell('rerun')} {path}" for path in recordings[:1]),
+            failed=any(row.claim and row.claim.verdict != "certified" for row in report.policies),
+        )
+
+
+def _changed(given: Any, default: Any) -> Iterator[str]:
+    """Names of options that are not the default, those of nested records too."""
+    for option in fields(given):
+        value, usual = getattr(given, option.name), getattr(default, option.name)
+        if is_dataclass(value):
+            yield from _changed(value, usual)
+        elif value != usual:
+            yield option.name
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study(Command):
+    """Measure policies in every combination of scenarios, worlds and options of a TOML file.
+
+    docs/studies.md describes the file. Every episode is kept when it ends: the same command
+    resumes, and with --budget-minutes 0 it starts no episode and writes the tables of existing
+    results. Policies and calibrations that are missing are made first.
+    """
+
+    kept = "episodes so far are kept; the same command continues"
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """Study (.toml)."""
+    out: Folder | None = None
+    """Folder of the tables (study.json, .md, .parquet, .png, episodes.parquet) and results; by
+    default that of the file, or runs/ and its name."""
+    quantity: str = "success"
+    """Quantity of the plot: success, collision, out_of_board, timeout, path_length_cm,
+    rotation_deg, path_ratio_to_grid, min_distance_cm, sim_time_s or energy_j."""
+    budget_minutes: BudgetMinutes = None
+    where: Where = THREADS
+
+    def run(self, progress: Progress) -> Output:
+        from agent.study.plot import QUANTITIES
+        from agent.study.user import read_study, study
+
+        require_one_of("quantity", self.quantity, QUANTITIES)
+        arguments = read_study(self.file)
+        out = self.out or validate_argument(
+            "out", arguments.get("out", Path("runs") / self.file.stem), Path
+        )
+        work = {"out": out, "budget_minutes": self.budget_minutes, "progress": progress}
+        table = study(**{**arguments, **vars(self.where), **work})
+        if self.quantity != "success":
+            table.write(out / "study.png", self.quantity)
+        return Output(
+            {"out": str(out), "rows": [row.record() for row in table.rows]},
+            table.show,
+            f"tables in {out}/: study.json, .md, .parquet, .png and episodes.parquet",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison(Command):
+    """Options of a comparison of methods."""
+
+    kept = RESUMES
+
+    quick: bool = False
+    """Short trial: two episodes in every row, instead of 50, 200 or all starts."""
+    budget_minutes: BudgetMinutes = None
+    methods: tuple[Method, ...] = COMPARED
+    """Methods to measure; see `minirobots run --help`."""
+    seed: Seed = 0
+    where: Where = THREADS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transfer(Comparison):
+    """Measure how policies trained by different methods succeed in the full co-simulation.
+
+    Rows are scenarios 1a to 4, methods, friction coefficients, and the shield off and on; the most
+    important ones come first. Every episode is kept when it ends: the same command resumes, and
+    with --budget-minutes 0 it starts no episode and writes the table of existing results. Policies
+    and calibrations that are missing are made first.
+    """
+
+    out: Folder = Path("runs/transfer")
+    """Folder of the table (transfer.json, transfer.md), policies and results."""
+    scenarios: tuple[str, ...] = tuple(PAPER)
+    """Scenarios to measure, built in or files (.toml)."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.scenarios or not self.methods:
+            raise ConfigError("--scenarios and --methods need at least one each")
+        names = [find_scenario(name, ideal=True).name for name in self.scenarios]
+        if len(set(names)) < len(names):
+            raise ConfigError("--scenarios has two of one name; leave one out, or rename it")
+
+    def run(self, progress: Progress) -> Output:
+        from agent.study.transfer import show, transfer
+
+        report = transfer(**vars(self), progress=progress)
+        files = f"table in {self.out}/: transfer.json, transfer.md"
+        return Output(report, partial(show, report), files)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robustness(Comparison):
+    """Measure how policies succeed in worlds that none of them was trained for.
+
+    Worlds deviate from the ideal in one thing at a time (friction, patches, motors, camera, delay,
+    noise, load, slope, bouncing feet), and in everything at once, then also with the shield. Every
+    episode is kept when it ends: the same command resumes, and with --budget-minutes 0 it starts no
+    episode and writes the table and the plot of existing results. Policies and calibrations that
+    are missing are made first.
+    """
+
+    out: Folder = Path("runs/robustness")
+    """Folder of the table (robustness.json, .md, .png), policies and results."""
+    episodes: Count | None = None
+    """Episodes of every row, 50 by default."""
+    scenario: str = "4"
+    """Built-in scenario or a scenario file (.toml)."""
+    world: File = ROUGH
+    """World with all deviations (.toml with a table [world]), by default that of
+    docs/methods.md."""
+    axes: tuple[Axis, ...] = AXES
+    """Deviations from the ideal to measure, one at a time, and everything."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.quick and self.episodes is not None:
+            raise ConfigError("--episodes contradicts --quick; leave out one of them")
+        if not self.axes or not self.methods:
+            raise ConfigError("--axes and --methods need at least one each")
+        for method in self.methods:
+            require_one_of("--methods", method, COMPARED)
+        find_scenario(self.scenario, ideal=True)
+
+    def run(self, progress: Progress) -> Output:
+        from agent.study.transfer import OF_WORLDS, robustness
+        from cosim.base.table import show
+
+        report = robustness(**vars(self) | {"world": read_world(self.world)}, progress=progress)
+        table = partial(show, OF_WORLDS, report.rows, names=5)
+        files = f"table in {self.out}/: robustness.json, robustness.md, robustness.png"
+        return Output(report, table, files)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bound(Command):
+    """Exact optimum of a scenario: the least mean path length and number of moves of any policy.
+
+    Path length and moves are bounded separately, each by Dijkstra's algorithm over the joint
+    process; a policy need not be able to reach both at once. Results are cached.
+    """
+
+    scenario: ScenarioName = "4"
+    process: ProcessConfig = field(default_factory=ProcessConfig)
+    """Interpretations of the paper; only target_obstacle and collision limit the paths."""
+
+    def __post_init__(self) -> None:
+        for reading in fields(self.process):
+            given = getattr(self.process, reading.name)
+            if reading.name not in {"target_obstacle", "collision"} and given != reading.default:
+                option = reading.name.replace("_", "-")
+                raise UserError(f"--process.{option} has no effect on the optimum; leave it out")
+
+    def run(self, progress: Progress) -> Output:
+        from agent.mdp.exact import enumerable, joint_starts
+        from agent.mdp.optimum import optimum, require_paths
+        from agent.mdp.readings import build_process
+
+        scenario = find_scenario(self.scenario)
+        process = build_process(scenario, self.process)
+        bound = optimum(process)
+        require_paths(process, bound.path_cells, alone=bound.relaxed)
+        starts = joint_starts(process)
+        path_cells, steps = (float(mean.mean()) for mean in bound.of_starts(starts, scenario.rows))
+        return Output(
+            {
+                "scenario": scenario.name,
+                "starts": len(starts),
+                "drawn": not enumerable(process),
+                "relaxed": bound.relaxed,
+                "path_length_cm": 100.0 * scenario.cell_m * path_cells,
+                "steps": steps,
+            }
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObserveMoves(Command):
+    """Observe moves of one robot in the co-simulation and keep what they did.
+
+    The file lists every move (direction, heading, previous direction; Δcell, duration, where it
+    stopped); `minirobots train --moves FILE` trains with them. With --worlds the policy learns for
+    worlds that are not ideal.
+    """
+
+    out: File = Path("runs/moves.json")
+    """File to write (.json)."""
+    moves: Count = 24
+    """Moves of each of the 8 kinds (straight or diagonal, after a turn of 0, 45, 90 or -45 deg)."""
+    worlds: bool = False
+    """Let every walk drive in a world of its own, drawn from the ranges below."""
+    ranges: Annotated[WorldRange, tyro.conf.arg(name="worlds")] = RANGES
+    """Ranges that worlds are drawn from uniformly, see docs/methods.md."""
+    cell: Annotated[Positive, tyro.conf.arg(metavar="M")] = Scenario.cell_m
+    """Edge of a cell in m, that of the scenario to train in."""
+    seed: Seed = 0
+    jobs: Jobs = -1
+    physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
+    deciding: Annotated[DecisionOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=DecisionOptions
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.worlds and self.physics.mu is not None:
+            raise ConfigError("--mu has no effect with --worlds, which draws it; leave one out")
+        if not self.worlds and self.ranges != RANGES:
+            raise ConfigError("ranges have no effect without --worlds; add it")
+
+    def run(self, progress: Progress) -> Output:
+        from agent.moves.model import require_rl_step
+        from agent.moves.observe import facts_of, move_rows, observe_moves
+        from agent.moves.worlds import checked_ranges
+        from cosim.base.storage import require_suffix
+        from cosim.base.table import show_texts
+
+        out, jobs = require_suffix(self.out, ".json"), workers(self.jobs)
+        config, fmu = self.physics.prepare(progress=progress)
+        config = self.deciding.deciding(config)
+        require_rl_step(config.timing.rl_step_s)
+        moves = observe_moves(
+            config,
+            fmu,
+            moves_per_kind=self.moves,
+            seed=self.seed,
+            worlds=checked_ranges(self.ranges, config) if self.worlds else None,
+            cell_m=self.cell,
+            jobs=jobs,
+            progress=progress,
+        )
+        moves.save(out)
+        result = facts_of(moves) | {"out": str(out)}
+        return Output(result, lambda: show_texts(*move_rows(moves)), f"moves in {out}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiments(Command):
+    """Run a learning experiment of the paper over many seeds and evaluate every run.
+
+    fig08: one robot, scenarios 1a and 1b. fig10: the coefficient c. fig11: pairs, scenarios 2, 3
+    and 4. features: which of x, y, d, g (and the bearing b) a robot needs. readings: the effect of
+    each assumed interpretation of the paper. zone: scenarios 1a to 4 with the central zone open and
+    forbidden. factorial: c under every combination of zone, target obstacle, η and ε in scenarios 2
+    to 4, 192 variants; choose fewer --episodes. sequel: groups of four and six robots, by
+    Q-learning and double Q-learning. The same command with --out continues after an interrupt. Draw
+    the figures with `minirobots figures`.
+    """
+
+    kept = RESUMES
+
+    experiment: Annotated[Name, tyro.conf.Positional]
+    """Experiment to run."""
+    out: NewFolder = None
+    runs: Count = 20
+    """Independent runs of each variant (the paper: 20)."""
+    seed: Seed = 0
+    episodes: Count = LearningConfig().episodes
+    """Training episodes of a run (Section V: 5 000 000)."""
+    where: Where = PROCESSES
+
+    def subject(self) -> str:
+        return self.experiment
+
+    def run(self, progress: Progress) -> Output:
+        from agent.experiments.results import show
+        from agent.experiments.run import run_experiment
+
+        arguments = vars(self).copy()
+        result = run_experiment(arguments.pop("experiment"), **arguments, progress=progress)
+        return Output(result, partial(show, result))

@@ -1,0 +1,160 @@
+"""Commands that read recordings."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from cosim.base.command import File
+from cosim.base.progress import Progress, under_way
+from minirobots.runner import Command, Output
+
+if TYPE_CHECKING:
+    from analysis.reading.inspection import Inspection
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inspect(Command):
+    """Print the content of a recorded episode, and its anomalies.
+
+    Prints what was run, the outcome, every robot's path and moves, statistics of every signal, and
+    findings with the time at which to look. What looks wrong: no success, a recording that was cut
+    off, robots that touch, moves given up, voltages at their limit for long. What robots that reach
+    their targets also do: feet slide and lift off, robots pass closely. Also reads what a killed
+    run left (.rrd.part).
+    """
+
+    recording: Annotated[Path, tyro.conf.Positional]
+    """Recording of an episode (.rrd or .rrd.part)."""
+    parameters: bool = False
+    """Also list every parameter with its unit and source."""
+
+    def run(self, progress: Progress) -> Output:
+        from analysis.reading.inspection import inspect_episode
+        from cosim.recording.reader import read_episode
+
+        found = inspect_episode(read_episode(self.recording))
+        return Output(found, *_lines(found), partial(_show_tables, found, self.parameters))
+
+
+def _lines(found: "Inspection") -> Iterator[str]:
+    ending = found.outcome or "not recorded: the recording ends before the episode"
+    yield f"{found.recording}\noutcome {ending}, {found.time_s:.2f} s simulated"
+    if not found.complete:
+        yield "its writer was stopped; this is what it had written"
+    first = ("scenario", "title", "episode", "seed", "starts")
+    for key in sorted(found.facts, key=lambda key: first.index(key) if key in first else 9):
+        yield f"  {key}: {found.facts[key]}"
+    for robot, row in found.robots.items():
+        length = row.path_length_m
+        path = f"{100.0 * length:.1f} cm, " if length is not None else ""
+        moves = f"{row.moves} moves, {row.moves_ended} ended, {row.moves_timed_out} timed out"
+        yield f"  {robot}: {path}{moves}"
+
+
+def _show_tables(found: "Inspection", parameters: bool) -> None:
+    from rich.console import Console
+
+    from cosim.base.table import Column, field, show, show_texts
+
+    console = Console()
+    if not console.is_terminal:  # a file takes whole lines; a terminal has its own width
+        console = Console(width=150)
+    if parameters:
+        header = ("parameter", "value", "unit", "meaning", "source")
+        rows = [(name, *map(str, row.values())) for name, row in found.parameters.items()]
+        show_texts(header, rows, names=5, title="parameters", console=console)
+    measures = [field(name, "{:.4g}") for name in ("minimum", "mean", "maximum", "deviation")]
+    columns = (
+        field("signal"),
+        field("component", heading="of"),
+        field("unit"),
+        field("samples"),
+        Column("every", lambda row: f"{row.period_s:g} s" if row.period_s else "–"),
+        *measures,
+    )
+    layout = {"names": 3, "title": "signals", "numbers": len(measures)}
+    show(columns, found.signals, **layout, console=console)
+    if not any(finding.wrong for finding in found.findings):
+        print("nothing looks wrong")
+    at = Column("at", lambda row: f"{row.time_s:.2f} s" if row.time_s is not None else "–")
+    for wrong, title in ((True, "what looks wrong"), (False, "what successful robots also do")):
+        rows = [finding for finding in found.findings if finding.wrong == wrong]
+        if rows:
+            columns = field("kind", heading=title), field("where"), at, field("text", heading="")
+            show(columns, rows, names=4, console=console)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Screenshot(Command):
+    """Draw a recording as the Rerun viewer shows it and save the picture.
+
+    The viewer draws with software Vulkan, which on Debian needs the packages mesa-vulkan-drivers,
+    libvulkan1 and libegl1.
+    """
+
+    recording: tyro.conf.Positional[Path]
+    """Recording to open (.rrd)."""
+    out: File = Path("screenshot.png")
+    """Picture to write (.png)."""
+    width: Annotated[int, tyro.conf.arg(metavar="PX")] = 1280
+    """Width of the picture in pixels."""
+    time: Annotated[float | None, tyro.conf.arg(metavar="S", aliases=["--time-s"])] = None
+    """Simulated time in s at which the recording is shown; by default as the viewer opens it."""
+    tab: str | None = None
+    """Tab to show, such as contact or policies; by default the first."""
+
+    def run(self, progress: Progress) -> Output:
+        from analysis.viewer import screenshot, shrink
+        from cosim.base.storage import require_suffix
+
+        out = require_suffix(self.out, ".png")
+        with under_way(progress, "drawing in the viewer"):
+            report = screenshot(self.recording, out, self.time, self.tab)
+            shrink(out, self.width)
+        return Output(
+            asdict(report) | {"out": str(out)},
+            *(f"view {name}: {fault}" for name, faults in report.views for fault in faults),
+            *(f"viewer: {warning}" for warning in report.warnings),
+            f"loaded in {report.load_s:.1f} s, picture in {out}",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Export(Command):
+    """Write a recorded episode for programs without Rerun.
+
+    Every signal and state is written with its unit and time as a table with a row per value.
+    Parquet has the configuration too.
+    """
+
+    recording: tyro.conf.Positional[Path]
+    """Recording of an episode (.rrd or .rrd.part)."""
+    to: Literal["parquet", "csv"]
+    """Format to write."""
+    out: File | None = None
+    """File to write; by default next to the recording, with its name."""
+    signals: tuple[str, ...] = ()
+    """Signals and states to write, by name or pattern, such as r1/motors/omega or 'r1/*'; all by
+    default. An episode of 76 s with all of them takes some 100 MB as csv."""
+    rate: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
+    """Samples to write per second of a signal: the first one of every period of 1/HZ s, as it was
+    recorded and not filtered, so that faster oscillations are aliased. All by default."""
+
+    def run(self, progress: Progress) -> Output:
+        from analysis.export import chosen, export
+        from cosim.base.storage import require_suffix
+        from cosim.recording.reader import read_episode
+
+        suffix = f".{self.to}"
+        out = require_suffix(self.out or self.recording.with_suffix(suffix), suffix)
+        with under_way(progress, "reading"):
+            episode = read_episode(self.recording)
+        episode = chosen(episode, self.signals, self.rate)
+        export(episode, self.to, out, progress)
+        return Output(
+            {"file": str(out), "signals": len(episode.signals), "bytes": out.stat().st_size}
+        )
