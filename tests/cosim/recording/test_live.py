@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from minirobots.commands.run import Run, run
+from minirobots.commands.episodes import Run
 from rerun.chunk import RrdReader
 
 from cosim.base.arguments import ConfigError
@@ -165,7 +165,7 @@ def test_missing_viewer_is_told_before_anything_is_done(tmp_path):
     url = address(free_port())
     options = Run(live=True, viewer=url, out=tmp_path / "x")
     with pytest.raises(UserError, match="no Rerun viewer answers at"):
-        next(run(options, silent))
+        options.run(silent)
     assert not (tmp_path / "x").exists()
 
 
