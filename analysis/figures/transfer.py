@@ -9,10 +9,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from agent.study.plot import draw_measure
-from agent.study.transfer import TransferRow
+from agent.study.transfer import TransferReport, TransferRow
 from analysis.figures.style import Caption, Drawing
-from analysis.reading.results import FIGURES
-from analysis.reading.written import read_transfer
+from analysis.reading.results import FIGURES, read_result
 from cosim.base.errors import UserError
 
 
@@ -80,7 +79,8 @@ def make(results: Path) -> Drawing:
         UserError: there is no such result, or it is damaged.
         UserError: it has no row with episodes.
     """
-    rows = [row for row in read_transfer(results).rows if row.success is not None]
+    report: TransferReport = read_result("transfer", results, TransferReport)
+    rows = [row for row in report.rows if row.success is not None]
     if not rows:
         raise UserError("the table of `minirobots transfer` has no rows with episodes")
     return Drawing(draw(rows), caption(rows))

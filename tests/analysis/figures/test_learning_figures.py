@@ -24,8 +24,7 @@ from analysis.figures.learning import (
     settled_after,
     thinned,
 )
-from analysis.reading.results import RESULTS
-from analysis.reading.written import read_experiment
+from analysis.reading.results import RESULTS, read_experiment
 from cosim.base.errors import UserError
 from cosim.model.built_in import BUILT_IN
 from minirobots.runner import execute

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from minirobots.commands.episodes import Run
 from rerun.chunk import RrdReader
 
 from cosim.base.arguments import ConfigError
@@ -20,6 +19,7 @@ from cosim.base.progress import silent
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
+from minirobots.commands.episodes import Run
 
 RERUN = Path(sys.executable).with_name("rerun")
 
