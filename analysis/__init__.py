@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cosim.base import errors as _errors  # noqa: F401 - from now on Ctrl-C ends a command quietly
-
 if TYPE_CHECKING:
     from cosim.recording.reader import Episode
 

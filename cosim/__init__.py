@@ -6,8 +6,6 @@ Names are imported when they are asked for, so that `import cosim` itself takes 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from cosim.base import errors as _errors  # noqa: F401 - from now on Ctrl-C ends a command quietly
-
 if TYPE_CHECKING:
     from cosim.base.arguments import ConfigError
     from cosim.base.errors import UserError

@@ -1,8 +1,7 @@
 """All that a reproduction does, stage after stage: every result, then the figures and the report.
 
-Each stage does what the result's own command does, keeps its own files, and could be run alone.
-What is made in which order and lies where is `analysis.reading.results`, how much is done
-`analysis.profiles`.
+Each stage runs the result's own command, keeps its own files, and could be run alone. What is made
+in which order and lies where is `analysis.reading.results`, how much is done `analysis.profiles`.
 """
 
 from collections.abc import Callable
@@ -17,8 +16,8 @@ from analysis.timings import Timings
 from cosim.base.jobs import Workers
 from cosim.base.progress import Progress, silent
 from cosim.model.built_in import PAPER
-from cosim.simulation.options import SimulationOptions
-from minirobots.runner import module_of
+from cosim.simulation.options import EpisodeOptions
+from minirobots.commands import class_of
 
 
 def reproduce(
@@ -44,47 +43,42 @@ def reproduce(
             continue
         say(f"{label} …")
         with timings.stage(result.name):
-            command = module_of(result.maker)
-            settings = _settings(result, profile, seed, jobs)
-            command.run(command.Options(out=result.location(results), **settings), progress)
+            command_of(result, results, profile, seed, jobs).run(progress)
         say(f"{label}: {timings.seconds(result.name):.1f} s")
     with timings.stage("figures"):
-        _draw(out, progress, say)
+        page = redraw(out, progress, say)
     say(f"figures: {timings.seconds('figures'):.1f} s")
-    return write_report(results, out / "figures", out / "report")
+    return page
 
 
 def redraw(out: Path, progress: Progress, say: Callable[[str], None]) -> Path:
     """Draw the figures and write the report from existing results, and return its page."""
-    _draw(out, progress, say)
-    return write_report(out / "results", out / "figures", out / "report")
-
-
-def _draw(out: Path, progress: Progress, say: Callable[[str], None]) -> None:
-    _, lacking = draw_figures(FIGURES, out / "results", out / "figures", progress=progress)
+    results, figures = out / "results", out / "figures"
+    _, lacking = draw_figures(FIGURES, results, figures, progress=progress)
     for name, reason in lacking.items():
         say(f"not drawn: {name}: {reason}")
+    return write_report(results, figures, out / "report")
 
 
-def _settings(result: Result, profile: Profile, seed: int, jobs: int) -> dict[str, Any]:
-    """Return the options of a result's command that the profile sets, without --out."""
+def command_of(result: Result, results: Path, profile: Profile, seed: int, jobs: int) -> Any:
+    """Return the command that makes a result, with the amounts of a profile."""
+    settings: dict[str, Any] = {"out": result.location(results)}
     match result.maker:
         case "calibrate":
-            return {"jobs": jobs}
+            settings |= {"jobs": jobs}
         case "run":
             alone = PAPER[result.of].robots == 1
-            return {
+            settings |= {
                 "scenario": result.of,
                 "episodes": profile.single_episodes if alone else profile.pair_episodes,
                 "method": result.method,
                 "train_episodes": profile.drive_episodes.get(result.method),
-                "seed": seed,
                 "train_seed": seed,
                 "jobs": jobs,
-                "physics": SimulationOptions(time_limit=profile.episode_limit_s),
+                "physics": EpisodeOptions(seed=seed, time_limit=profile.episode_limit_s),
             }
         case "experiments":
-            return {
+            settings |= {
                 "experiment": result.of,
                 "runs": profile.runs,
                 "seed": seed,
@@ -92,11 +86,11 @@ def _settings(result: Result, profile: Profile, seed: int, jobs: int) -> dict[st
                 "where": Workers(jobs=jobs, backend="loky"),
             }
         case "transfer":
-            return {
+            settings |= {
                 "quick": profile.transfer_quick,
                 "scenarios": profile.transfer_scenarios,
                 "methods": profile.transfer_methods,
                 "seed": seed,
                 "where": Workers(jobs=jobs),
             }
-    return {}
+    return class_of(result.maker)(**settings)

@@ -33,7 +33,6 @@ _FIXES = {
     errno.ELOOP: "a symbolic link leads back to itself; correct the link or choose another path",
 }
 _CLONE = Path(__file__).parents[2].joinpath("pyproject.toml").is_file()
-_COMMANDS = ("agent", "analysis", "cosim", "fmus", "minirobots")  # packages with commands
 # Control characters but for ends of lines and tabs, bidirectional ones, halves of characters.
 _HIDDEN = re.compile(
     "[\0-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
@@ -77,14 +76,9 @@ def shorten(value: object) -> str:
 
 
 def end_at_interrupt() -> None:
-    """Let Ctrl-C end the process without a traceback until `run_command`: modules are imported."""
+    """Let Ctrl-C end the process without a traceback until `run_command`, while it imports."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-# The package of a module that Python is to run is imported.
-if sys.argv[:1] == ["-m"] and any(name.partition(".")[0] in _COMMANDS for name in sys.orig_argv):
-    end_at_interrupt()
 
 
 def visible(text: str) -> str:

@@ -1,92 +1,105 @@
 """Compilation of kernels: numba, cached on disk, without the interpreter lock.
 
-Signals wait while LLVM makes machine code. LLVM calls Python there, and an exception would not
-leave that call: either the interrupt or the machine code would be lost.
+numba notices changes of a kernel's own file only. Here kernels are kept in a folder that is named
+by a hash of all sources that have kernels, so that any change compiles again.
 """
 
 import contextlib
 import functools
-import gc
+import logging
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any, TypeVar, cast
+from pathlib import Path
+from typing import Any, Self, TypeVar, cast
 
 import numba
 from numba import types
 from numba.core import config
-from numba.core.caching import NullCache
-from numba.core.codegen import JITCodeLibrary, JITCPUCodegen, JitEngine
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.targetconfig import ConfigStack
+from numba.extending import typeof_impl
 
-from cosim.base.kernel_files import KernelCache
+from cosim.base.provenance import digest_of
+from cosim.base.storage import cache_dir, is_intact, lock_of, require_cache, write_checksum
 
 Kernel = TypeVar("Kernel", bound=Callable)
-
-_PLAIN: bool = config.DISABLE_JIT  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def uninterrupted(function: Kernel) -> Kernel:
-    """The function; SIGINT and SIGTERM that came within it arrive at its end."""
-
-    @functools.wraps(function)
-    def call(*arguments: Any) -> Any:
-        if threading.current_thread() is not threading.main_thread():
-            return function(*arguments)  # Python has signals arrive in the main thread
-        came: list[int] = []
-        usual = {
-            number: signal.signal(number, lambda number, _: came.append(number))
-            for number in (signal.SIGINT, signal.SIGTERM)
-            if callable(signal.getsignal(number))  # else Python has nothing to do with it
-        }
-        try:
-            return function(*arguments)
-        finally:
-            for number, handler in usual.items():
-                signal.signal(number, handler)
-            for number in came[:1]:
-                signal.raise_signal(number)
-
-    return cast(Kernel, call)
-
-
-JitEngine.finalize_object = uninterrupted(JitEngine.finalize_object)
-
-_into_callers = [False]  # of the functions being compiled, the innermost last; under numba's lock
-
-
-def _left_out_for_inlined(owner: type, step: str) -> None:
-    """Skip a step of numba for functions that are compiled into their callers only.
-
-    Optimization and machine code of such functions are a sixth of the time of compiling.
-    """
-    usual = getattr(owner, step)
-
-    @functools.wraps(usual)
-    def unless_inlined(*arguments: Any) -> Any:
-        return None if _into_callers[-1] else usual(*arguments)
-
-    setattr(owner, step, unless_inlined)
-
-
-_left_out_for_inlined(JITCodeLibrary, "_optimize_functions")
-_left_out_for_inlined(JITCodeLibrary, "_optimize_final_module")
-_left_out_for_inlined(JitEngine, "add_module")
-_left_out_for_inlined(JitEngine, "finalize_object")
-_left_out_for_inlined(JITCPUCodegen, "set_env")
+_SETTINGS: Any = config
+_LOGGER = logging.getLogger(__name__)
+_handlers: dict[int, Any] = {}  # of signals that wait; those of the main thread
+_came: list[int] = []
 
 
 @contextlib.contextmanager
-def _without_collection() -> Iterator[None]:
-    """Collect no garbage: of the millions of objects that numba makes, a seventh of its time."""
-    enabled = gc.isenabled()
-    gc.disable()
+def interrupts_held() -> Iterator[None]:
+    """Have SIGINT and SIGTERM wait for the end of this context, or of one within it.
+
+    For compiled code that calls Python, as LLVM does: an exception would not leave that call.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # Python has signals arrive in the main thread
+        return
+    outermost = not _handlers
+    if outermost:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if callable(usual := signal.getsignal(number)):  # else Python has nothing to do with it
+                _handlers[number] = usual
+                signal.signal(number, lambda number, _: _came.append(number))
+    handlers = dict(_handlers)
     try:
         yield
     finally:
-        if enabled:
-            gc.enable()
+        if outermost:
+            for number, usual in handlers.items():
+                signal.signal(number, usual)
+            _handlers.clear()
+        if _came:
+            number = _came[0]
+            _came.clear()
+            handlers[number](number, None)
+
+
+class KernelLocator:
+    """Place of a kernel's machine code, as numba's setting CACHE_LOCATOR_CLASSES takes it."""
+
+    def __init__(self, function: Callable, file: str) -> None:
+        own = function.__module__.partition(".")[0] in {"agent", "cosim"}
+        stamp = "" if own else digest_of(Path(file))
+        self.name = digest_of(function.__module__, function.__code__.co_firstlineno, stamp)
+        self.folder = cache_dir(f"kernels/{digest_of_sources(Path(__file__).parents[2])}")
+
+    @classmethod
+    def from_function(cls, function: Callable, file: str) -> Self:
+        """Return the place of a function's machine code."""
+        return cls(function, file)
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def ensure_cache_path(self) -> None:
+        """Refuse a folder that cannot be written."""
+        require_cache(self.folder)
+
+    def get_source_stamp(self) -> str:
+        """Return what changes with the function: its name does."""
+        return ""
+
+    def get_disambiguator(self) -> str:
+        """Return the name of the kernel's files, but for that of the function before it."""
+        return self.name
+
+    def files(self) -> list[Path]:
+        """Return the kernel's files, its index first."""
+        return sorted(self.folder.glob(f"*-{self.name}.*.nb[ic]"), key=lambda path: path.suffix)
+
+
+@functools.cache
+def digest_of_sources(root: Path) -> str:
+    """Return a hash of numba's version and of the sources below a folder that have kernels."""
+    files = sorted(file for folder in ("agent", "cosim") for file in root.glob(f"{folder}/**/*.py"))
+    return digest_of(numba.__version__, [str(file.relative_to(root)) for file in files], *files)
 
 
 def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:
@@ -105,16 +118,11 @@ def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:
         # numba would compile a function again for every constant that it is given. The compiler's
         # own lock first: threads hold it while they compile what a kernel calls.
         arguments = tuple(map(types.unliteral, signature))
-        with contextlib.ExitStack() as locks:
-            locks.enter_context(global_compiler_lock)
+        with global_compiler_lock, interrupts_held():
             if kept:
-                if isinstance(dispatcher._cache, NullCache):
-                    dispatcher._cache = KernelCache(function)
-                locks.enter_context(dispatcher._cache.lock())
-            locks.enter_context(_without_collection())
-            _into_callers.append(not kept)
-            locks.callback(_into_callers.pop)
-            entry = compile_one(arguments)
+                entry = _kept(dispatcher, lambda: compile_one(arguments))
+            else:
+                entry = compile_one(arguments)
         model, caller = dispatcher.targetctx.data_model_manager, ConfigStack.top_or_none()
         result = dispatcher.overloads[arguments].signature.return_type
         counted = kept and (caller is None or caller.nrt)  # here, and where it is called
@@ -126,16 +134,46 @@ def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:
     return dispatcher
 
 
+def _kept(dispatcher: Any, compile_one: Callable[[], Any]) -> Any:
+    """Compile a kernel, or find it on disk; in one process, while others wait for it.
+
+    Two processes that fill an index at once could take one's machine code for the other's, and
+    numba takes whatever is in its files for machine code: they have checksums here.
+    """
+    place, misses = _place(dispatcher), sum(dispatcher.stats.cache_misses.values())
+    if dispatcher.stats.cache_path is None:
+        usual = _SETTINGS.CACHE_LOCATOR_CLASSES
+        _SETTINGS.CACHE_LOCATOR_CLASSES = f"{__name__}.KernelLocator"
+        try:
+            dispatcher.enable_caching()
+        finally:
+            _SETTINGS.CACHE_LOCATOR_CLASSES = usual
+    writable = os.access(place.folder, os.W_OK)  # else only what is there can be used
+    with lock_of(place.folder / place.name) if writable else contextlib.nullcontext():
+        for file in place.files():
+            if not is_intact(file):
+                _LOGGER.warning("%s is damaged: compiling it again", file)
+                require_cache(place.folder)
+                file.unlink()
+        entry = compile_one()
+        if sum(dispatcher.stats.cache_misses.values()) > misses:
+            for file in place.files():
+                write_checksum(file)
+    return entry
+
+
+def _place(function: Any) -> KernelLocator:
+    return KernelLocator(function.py_func, function.py_func.__code__.co_filename)
+
+
 def kernel(function: Kernel) -> Kernel:
     """Compile a function with numba, for Python and for other kernels, and keep it on disk."""
-    if _PLAIN:
-        return function
-    return cast(Kernel, _compiled(function, kept=True))
+    return function if _SETTINGS.DISABLE_JIT else cast(Kernel, _compiled(function, kept=True))
 
 
 def is_compiled(function: Callable) -> bool:
     """Return whether the cache has machine code of a kernel, for any arguments."""
-    return _PLAIN or KernelCache(getattr(function, "py_func", function)).path.exists()
+    return not hasattr(function, "py_func") or bool(_place(function).files())
 
 
 def inlined(function: Kernel) -> Kernel:
@@ -145,24 +183,24 @@ def inlined(function: Kernel) -> Kernel:
     inlined costs more than most of the work in it. Nor does it count references to arrays, which
     would take a sixth of the time of a co-simulation, so that it may neither make nor return one.
     """
-    return function if _PLAIN else cast(Kernel, _Inlined(function))
+    return function if _SETTINGS.DISABLE_JIT else cast(Kernel, _Inlined(function))
 
 
 class _Inlined:
     """A function that kernels take in; called from Python it is a kernel, made at the first call.
 
-    Few ever are, and what would unpack their arguments then is a third of the work.
+    Few ever are: compiling what would unpack their arguments makes the first command 28 % slower.
 
     Attributes:
         py_func: the function.
+        dispatcher: of numba, for kernels.
     """
 
     def __init__(self, function: Callable) -> None:
         functools.update_wrapper(self, function)
         self.py_func = function
         plain = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        self._inner = _compiled(function, kept=False, forceinline=True, **plain)
-        self._numba_type_ = self._inner._numba_type_  # what numba takes this object for
+        self.dispatcher = _compiled(function, kept=False, forceinline=True, **plain)
 
     @functools.cached_property
     def _kernel(self) -> Callable:
@@ -170,3 +208,8 @@ class _Inlined:
 
     def __call__(self, *arguments: Any) -> Any:
         return self._kernel(*arguments)
+
+
+@typeof_impl.register(_Inlined)
+def _type_of(function: _Inlined, _: Any) -> types.Dispatcher:
+    return types.Dispatcher(function.dispatcher)

@@ -18,7 +18,7 @@ import numpy as np
 from fmpy.fmi1 import FMICallException
 
 from cosim.base.errors import UserError
-from cosim.base.jit import kernel, uninterrupted
+from cosim.base.jit import interrupts_held, kernel
 from cosim.coupling.assembly import Motors
 from cosim.coupling.calls import (
     INCOMPLETE,
@@ -166,7 +166,7 @@ class FmpyDriver(CompiledDriver):
     inputs and outputs itself, through the functions of the library that fmpy has loaded.
     """
 
-    @uninterrupted  # what a signal raises would be lost on its way out of compiled code
+    @interrupts_held()  # what a signal raises would be lost on its way out of compiled code
     def advance(
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
     ) -> None:

@@ -109,6 +109,8 @@ def _converted(path: Path, kind: Kind, form: type[_Form]) -> _Form:
     except msgspec.ValidationError as error:
         own = error.__cause__ if isinstance(error.__cause__, UserError) else None
         raise UserError(f"{path}: {own or _field_message(str(error))}") from error
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
 
 
 _Index = Annotated[int, msgspec.Meta(ge=0, lt=MAX_SIDE_CELLS)]

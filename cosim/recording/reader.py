@@ -19,6 +19,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 import pyarrow as pa
 from rerun.chunk import Chunk, RrdReader
@@ -26,6 +27,7 @@ from rerun.chunk import Chunk, RrdReader
 from cosim.base.errors import FileError
 from cosim.base.reading import Kind, parsing, require_file
 from cosim.base.storage import replacing, require_suffix, temporary_folder
+from cosim.model.scenario import Scenario
 from cosim.recording.file import Kept
 from cosim.recording.series import ENDED, GIVEN_UP, OUTCOME, STILL_RUNNING
 
@@ -243,6 +245,12 @@ class DrivenMove(NamedTuple):
     given_up: bool
 
 
+class _Simulated(msgspec.Struct):
+    """The part of a recording's property `origin` that is read here."""
+
+    scenario: Scenario
+
+
 class SignalError(FileError, KeyError):
     """A signal that a recording lacks; the message names it and those with names like it."""
 
@@ -312,6 +320,7 @@ class Episode:
             "/sim/r1/motors/omega" or, in short, "r1/motors/omega".
         texts: states and the log by entity path, such as "/rl/r1/failure".
         moves: of each robot, in order.
+        scenario: its board; None in recordings of other programs.
     """
 
     recording: Path | Kept
@@ -325,6 +334,7 @@ class Episode:
     signals: Signals
     texts: Mapping[str, Texts]
     moves: Mapping[str, tuple[DrivenMove, ...]]
+    scenario: Scenario | None
 
     @property
     def path(self) -> Path:
@@ -412,6 +422,8 @@ def read_episode(recording: Path | Kept) -> Episode:
             name: Parameter(**json.loads(text))
             for name, text in data.properties.get("parameters", {}).items()
         }
+        origin = data.properties.get("origin", {}).get("task")
+        scenario = msgspec.json.decode(origin, type=_Simulated).scenario if origin else None
     return Episode(
         recording=recording,
         recording_id=data.recording_id,
@@ -424,6 +436,7 @@ def read_episode(recording: Path | Kept) -> Episode:
         signals=Signals(str(path), data.signals),
         texts=data.texts,
         moves={r: _moves(data.texts.get(f"/rl/{r}/move", _NOTHING), time_s) for r in robots},
+        scenario=scenario,
     )
 
 

@@ -4,12 +4,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import tyro
 
 from cosim.base.arguments import ConfigError, validate_fields, validate_unique
-from cosim.base.command import MotorFmuFile, MotorParameters
+from cosim.base.command import Count, MotorFmuFile, MotorParameters, Seed
 from cosim.base.progress import Progress, silent, under_way
 from cosim.model.config import (
     GIVEN,
@@ -51,8 +51,6 @@ class Physics:
     """Let the motors feel the acceleration of the body, which the paper neglects."""
     motor_fmu: MotorFmuFile = None
     motor_parameters: MotorParameters = ()
-    """Parameter of the motor FMU to set through FMI, in the FMU's unit, such as J=5e-9; repeat it
-    for several. By default the FMU's own values hold."""
 
     def __post_init__(self) -> None:
         validate_fields(self, but=["preset"] if isinstance(self.preset, Preset) else [])
@@ -220,13 +218,37 @@ class SimulationOptions(Physics, DecisionOptions):
         return with_stopping_distance(config, fmu, progress) if config.shield else config
 
 
-def options_of(call: str, given: Mapping[str, Any], *more: str) -> SimulationOptions:
+@dataclass(frozen=True, kw_only=True)
+class EpisodeOptions(SimulationOptions):
+    """Robots, motors and clock, how the robots drive with them, and what is recorded."""
+
+    seed: Seed = 0
+    record: Literal["none", "summary", "default", "full"] = "default"
+    """Amount to record: nothing (only summary.json and the policy are written); decisions and
+    poses; every signal, motors at 1 kHz, under 20 MB per minute of two robots; or every signal at 1
+    kHz with longer bursts at every tick."""
+    signals: tuple[Count, ...] = ()
+    """Robots with recorded signals, from 1; by default all of up to 64, else the first four. For
+    the others only poses are recorded."""
+    driver: Literal["fmpy", "compiled", "reference"] | None = None
+    """Driver that steps the motor FMUs: fmpy calls doStep of fmpy's class once per control period
+    of 1 ms; compiled calls their C functions at every tick (the same bits, an episode some 16 %
+    faster); reference calls fmpy's class at every tick (the same bits, some 400 times slower).
+    By default fmpy, and compiled with --reaction or a motor FMU without samples of its outputs."""
+
+
+Options = TypeVar("Options", bound=SimulationOptions)
+
+
+def options_of(
+    call: str, given: Mapping[str, Any], *more: str, kind: type[Options] = SimulationOptions
+) -> Options:
     """Return the options that a call in Python is given by name."""
-    known = [*more, *(option.name for option in fields(SimulationOptions))]
+    known = [*more, *(option.name for option in fields(kind))]
     for name in given:
         if name not in known:
             raise ConfigError(f"{call} has no option {name}; choose from {', '.join(known)}")
-    return SimulationOptions(**given)
+    return kind(**given)
 
 
 class Setup(NamedTuple):

@@ -7,13 +7,13 @@ recorded, as are `reward_parts(step, arrived)` (N, 3) and `maps()` of a policy t
 `agent.mdp.greedy`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cosim.base.arguments import require_one_of, validate_argument, validate_seed
+from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.provenance import versions
 from cosim.coupling.rl_step import Step, SupportsAct, sampled_of
@@ -23,11 +23,11 @@ from cosim.onboard.observing import draw_starts
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept
 from cosim.recording.reader import Episode, read_episode
-from cosim.recording.series import DETAILS, Level, with_bursts
-from cosim.simulation.batch import DRIVERS, chosen_driver
+from cosim.recording.series import with_bursts
+from cosim.simulation.batch import chosen_driver
 from cosim.simulation.driving import SupportsDrive, options_for
 from cosim.simulation.episode import RunningEpisode
-from cosim.simulation.options import options_of, resolve
+from cosim.simulation.options import EpisodeOptions, options_of, resolve
 from cosim.simulation.tasks import Task, recorder_of, simulate_tasks
 from fmus.build import identity_of_fmu
 
@@ -37,14 +37,8 @@ def simulate(
     scenario: str | Path | Scenario,
     policy: SupportsAct | SupportsDrive,
     *,
-    seed: int = 0,
-    driver: str | None = None,
-    record: Level = "default",
-    motor_fmu: str | Path | None = None,
-    motor_parameters: Mapping[str, float] = {},
     world: str | Path | World | Mapping[str, Any] | None = None,
     progress: Progress | None = automatic,
-    signals: Sequence[int] = (),
     **options: Any,
 ) -> Episode:
     """Simulate one episode: the first one of `minirobots run --seed SEED`.
@@ -60,19 +54,12 @@ def simulate(
         scenario: name of a built-in scenario, scenario file (.toml) or record.
         policy: asked every 2 s of simulated time; or, one that commands motors, at the end of
             its control interval, see `cosim.simulation.driving`.
-        seed: of start cells and speed noise.
-        driver: fmpy, compiled or reference, see `minirobots run --help`.
-        record: summary, default or full: how much of the episode is kept.
-        motor_fmu: of every motor, the built-in one by default.
-        motor_parameters: of the motor FMU, set through FMI, in its units, such as {"J": 5e-9}.
         world: world file (.toml), record or dict of its fields; by default that of the scenario
             file, or the paper's.
         progress: receives the simulated time; by default it is shown on stderr if the call takes
             more than two seconds. None shows nothing.
-        signals: numbers of the robots with kept signals, from 1; by default all of up to 64,
-            else the first four. Of the others poses are kept.
-        options: physics by the names of `minirobots run`, see `SimulationOptions`: `mu`,
-            `noise`, `speed` (mm/s), `dt` (s), `time_limit` (s), `shield` and so on.
+        options: of `minirobots run`, see `EpisodeOptions`: `seed`, `mu`, `noise`, `speed` (mm/s),
+            `dt` (s), `time_limit` (s), `motor_fmu`, `record`, `driver` and so on.
 
     Returns:
         Outcome, moves, parameters and every signal, in memory; `save` writes the recording.
@@ -83,15 +70,15 @@ def simulate(
         UserError: of the policy (trained on another scenario), the FMU or the calibration.
     """
     report = progress or silent
-    require_one_of("driver", driver or "fmpy", DRIVERS)
-    require_one_of("record", record, DETAILS)
-    seed = validate_seed(seed)
-    given = {"motor_fmu": motor_fmu, "motor_parameters": motor_parameters, **options}
-    driving = options_for(policy, options_of("simulate", given))
+    chosen = options_of("simulate", options, kind=EpisodeOptions)
+    record, seed = chosen.record, chosen.seed
+    if record == "none":
+        raise ConfigError("record = 'none' keeps nothing of the episode; choose another record")
+    driving = options_for(policy, chosen)
     require = getattr(policy, "require_scenario", None)
     scenario, config, fmu = resolve(driving, scenario, report, world=world, require=require)
     config = with_bursts(config, record)
-    driver = chosen_driver(driver, fmu, config)
+    driver = chosen_driver(chosen.driver, fmu, config)
     starts, noise_seed = draw_episode(scenario, seed, 0)
 
     def watch(step: Step, episode: RunningEpisode, _: float) -> None:
@@ -106,7 +93,7 @@ def simulate(
         maps = getattr(policy, "maps", list)()
         return recorder_of(episode, kept, task.recording_id, facts, level=record, policies=maps)
 
-    sampled = sampled_of(scenario.robots, validate_argument("signals", signals, tuple[int, ...]))
+    sampled = sampled_of(scenario.robots, chosen.signals)
     given = scenario, fmu, config, policy, starts, noise_seed, recorder, watch, driver, sampled
     task = Task(*given)
     report("simulating", 0.0, config.timing.episode_limit_s)  # kernels may be compiled first

@@ -10,6 +10,7 @@ from typing import Any
 COMMANDS = {  # module, class and purpose of every command
     "bound": ("policies", "Bound", "The least path length and number of moves of any policy"),
     "calibrate": ("motors", "Calibrate", "Map motor speeds to speed and yaw rate, with a plot"),
+    "compare": ("recordings", "Compare", "Show where two episodes part, and what differs"),
     "design": ("motors", "DesignRobot", "Find designs with a desired speed, all feet on the floor"),
     "evaluate": ("policies", "Evaluate", "Evaluate policies in the full dynamics, or on the grid"),
     "experiments": ("policies", "Experiments", "The paper's learning experiments"),
@@ -32,6 +33,7 @@ COMMANDS = {  # module, class and purpose of every command
     "train": ("policies", "Train", "Train many runs of one configuration and evaluate them"),
     "transfer": ("policies", "Transfer", "Count the episodes that succeed, by method of training"),
     "validate": ("motors", "Validate", "Compare speeds and paths with those of real machines"),
+    "video": ("recordings", "Video", "Make a video of an episode: the board from above"),
 }
 
 

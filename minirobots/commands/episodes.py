@@ -1,40 +1,27 @@
 """Commands that simulate episodes: a run of them, and one that was recorded, again."""
 
-import math
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
-import numpy as np
 import tyro
 
 from agent.training.settings import COMPUTED, Method
+from cosim.base import command as opt
 from cosim.base.arguments import ConfigError
-from cosim.base.command import (
-    Count,
-    File,
-    Jobs,
-    MotorFmuFile,
-    NewFolder,
-    NotNegative,
-    ScenarioName,
-    Seed,
-    workers,
-)
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress, under_way
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.live import DEFAULT_VIEWER
-from cosim.simulation.options import Physics, SimulationOptions, resolve
+from cosim.simulation.options import EpisodeOptions, Physics, resolve
 from minirobots.runner import Command, Output
 
 if TYPE_CHECKING:
     from agent.mdp.greedy import GreedyPolicy
     from agent.training.loop import TrainingLog
     from cosim.model.scenario import Scenario
-    from cosim.recording.reader import RecordingData
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,9 +40,9 @@ class Run(Command):
 
     kept = "results so far are in {out}/"
 
-    scenario: ScenarioName = "2"
-    out: NewFolder = None
-    episodes: Count = 1
+    scenario: opt.ScenarioName = "2"
+    out: opt.NewFolder = None
+    episodes: opt.Count = 1
     """Episodes to co-simulate, each from start cells drawn with the seed."""
     method: Method | None = None
     """How agents learn: on the grid as in Section V (paper, the default for one robot or two on up
@@ -64,22 +51,14 @@ class Run(Command):
     joint paths that are optimal on the grid by length (shortest), of one or two the least time on
     observed moves (fastest; two with --through), of up to eight paths in space and time, which they
     plan while they drive (planned, the default for three to eight)."""
-    train_episodes: Count | None = None
+    train_episodes: opt.Count | None = None
     """Episodes to train; by default 5 000 000 on the grid (Section V), and 1 500 000 on moves."""
-    seed: Seed = 0
-    train_seed: NotNegative | None = None
+    train_seed: opt.NotNegative | None = None
     """Seed of training: by default 0, so that every --seed uses the same policy, trained once."""
     again: Annotated[bool, tyro.conf.arg(aliases=["--retrain"])] = False
     """Train even if the cache has a policy of this configuration."""
-    policy: File | None = None
+    policy: opt.File | None = None
     """Trained policy to use instead of training: a file (policy.npz)."""
-    record: Literal["none", "summary", "default", "full"] = "default"
-    """Amount to record: nothing (only summary.json and the policy are written); decisions and
-    poses; every signal, motors at 1 kHz, under 20 MB per minute of two robots; or every signal at 1
-    kHz with longer bursts at every tick."""
-    signals: tuple[Count, ...] = ()
-    """Robots with recorded signals, from 1; by default all of up to 64, else the first four. For
-    the others only poses are recorded."""
     no_record: bool = False
     """Short for --record none."""
     live: bool = False
@@ -88,24 +67,18 @@ class Run(Command):
     """Open a Rerun viewer on this machine and send it the recorded data."""
     viewer: Annotated[str, tyro.conf.arg(metavar="URL")] = DEFAULT_VIEWER
     """Address of the viewer for --live and --spawn."""
-    jobs: Jobs = -1
-    driver: Literal["fmpy", "compiled", "reference"] | None = None
-    """Driver that steps the motor FMUs: fmpy calls doStep of fmpy's class once per control period
-    of 1 ms; compiled calls their C functions at every tick (the same bits, an episode some 16 %
-    faster); reference calls fmpy's class at every tick (the same bits, some 400 times slower).
-    By default fmpy, and compiled with --reaction or a motor FMU without samples of its outputs."""
-    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
-        default_factory=SimulationOptions
+    jobs: opt.Jobs = -1
+    physics: Annotated[EpisodeOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=EpisodeOptions
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        record = self.physics.record
+        if self.no_record and record not in {"none", "default"}:
+            raise ConfigError(f"--no-record contradicts --record {record}; leave out one of them")
         if self.no_record:
-            if self.record not in {"none", "default"}:
-                raise ConfigError(
-                    f"--no-record contradicts --record {self.record}; leave out one of them"
-                )
-            object.__setattr__(self, "record", "none")
+            object.__setattr__(self, "physics", replace(self.physics, record="none"))
         of_training = {
             "--method": self.method,
             "--train-episodes": self.train_episodes,
@@ -120,9 +93,10 @@ class Run(Command):
             )
         if self.viewer != DEFAULT_VIEWER and not (self.live or self.spawn):
             raise ConfigError("--viewer has no effect without --live or --spawn; add one of them")
-        if self.record == "none" and self.signals:
+        recorded = self.physics.record != "none"
+        if not recorded and self.physics.signals:
             raise ConfigError("--signals has no effect where nothing is recorded; leave it out")
-        if self.record == "none" and (self.live or self.spawn):
+        if not recorded and (self.live or self.spawn):
             raise ConfigError("--live and --spawn show what is recorded; choose another --record")
 
     def subject(self) -> str:
@@ -144,7 +118,7 @@ class Run(Command):
         from cosim.simulation.tasks import compile_kernels
         from fmus.build import identity_of_fmu
 
-        out, threads, record = self.out, workers(self.jobs), self.record
+        out, threads, record = self.out, opt.workers(self.jobs), self.physics.record
         assert out is not None
         written = 0 if record == "none" else self.episodes
         if more := sorted((out / "episodes").glob("ep_*.rrd"))[written:]:
@@ -159,14 +133,14 @@ class Run(Command):
         elif self.live:
             viewer = find_viewer(self.viewer)
         config = with_bursts(config, record)
-        driver = chosen_driver(self.driver, fmu, config)
+        driver = chosen_driver(self.physics.driver, fmu, config)
         with compiling_ahead(scenario.robots, driver, self.episodes, threads):
             policy, log = self._policy(scenario, progress)
         seed = policy.config.seed
         facts = RunFacts(
             scenario=scenario.name,
             title=scenario.title,
-            seed=self.seed,
+            seed=self.physics.seed,
             train_seed=seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
             driver=driver,
             motor_fmu=fmu.name,
@@ -174,7 +148,7 @@ class Run(Command):
             method=method_name(policy),
             versions=versions(),
         )
-        how = viewer, record, progress, sampled_of(scenario.robots, self.signals)
+        how = viewer, record, progress, sampled_of(scenario.robots, self.physics.signals)
         series = Series(scenario, fmu, config, policy, out, facts, *how)
         series.refuse_other_results()
         policy.save(out / "policy.npz")
@@ -242,12 +216,13 @@ class Replay(Command):
 
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING.rrd")]
     """Recording of an episode."""
-    policy: File | None = None
+    policy: opt.File | None = None
     """Policy of the run; by default policy.npz in the folder above that of the recording."""
-    motor_fmu: MotorFmuFile = None
+    motor_fmu: opt.MotorFmuFile = None
 
     def run(self, progress: Progress) -> Output:
         from agent.policies import load_policy
+        from analysis.compare import find_differences, series_of
         from cosim.base.provenance import versions
         from cosim.base.reading import parsing
         from cosim.coupling.rl_step import sampled_of
@@ -283,10 +258,10 @@ class Replay(Command):
         replayed = read_chunks(kept.chunks, data.recording_id)
         now = versions()
         changed = {k: (v, now.get(k, "")) for k, v in then.items() if v != now.get(k)}
-        differences = _differences(data, replayed)
-        signals, values = _series(data), sum(v.size for _, v in _series(data).values())
+        differences = find_differences(data, replayed)
+        signals, values = series_of(data), sum(v.size for _, v in series_of(data).values())
         ended = "" if data.complete else " as far as the recording goes, which is not complete"
-        count = len(signals | _series(replayed))
+        count = len(signals | series_of(replayed))
         return Output(
             {
                 "recording": str(data.path),
@@ -308,40 +283,3 @@ class Replay(Command):
             f"bit{ended}",
             failed=bool(differences),
         )
-
-
-_NONE = (np.empty(0), np.empty(0))
-
-
-def _differences(recorded: "RecordingData", replayed: "RecordingData") -> dict[str, float | None]:
-    """Return the time from which on signals differ, by name; None if one of them lacks samples."""
-    series, found = [_series(data) for data in (recorded, replayed)], {}
-    for name in sorted(series[0] | series[1]):
-        was, now = (signals.get(name, _NONE) for signals in series)
-        if not recorded.complete:
-            now = tuple(part[: len(was[0])] for part in now)
-        at = _first_difference(was, now)
-        if at is not None:
-            found[name] = float(was[0][at]) if at < min(len(was[0]), len(now[0])) else None
-    return found
-
-
-def _series(data: "RecordingData") -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Times and values of all signals and texts."""
-    found = {name: (signal.time_s, signal.values) for name, signal in data.signals.items()}
-    return found | {name: (t.time_s, np.array(t.texts)) for name, t in data.texts.items()}
-
-
-def _first_difference(was: tuple[np.ndarray, ...], now: tuple[np.ndarray, ...]) -> int | None:
-    """Index of the first sample that is not the same bits; None if all are."""
-    count = min(len(was[0]), len(now[0]))
-    equal = np.full(count, fill_value=True)
-    for a, b in zip(was, now, strict=True):
-        if a.shape[1:] != b.shape[1:]:
-            return 0
-        if a.dtype == b.dtype == np.float64:  # NaN is equal to itself, and 0 not to −0
-            a, b = (np.ascontiguousarray(part).view(np.int64) for part in (a, b))  # noqa: PLW2901
-        equal &= (a[:count] == b[:count]).reshape(count, math.prod(a.shape[1:])).all(axis=1)
-    if not equal.all():
-        return int(equal.argmin())
-    return None if len(was[0]) == len(now[0]) else count

@@ -11,19 +11,8 @@ import tyro
 from msgspec import Meta
 
 from analysis.motor.loop_options import StepTest
+from cosim.base import command as opt
 from cosim.base.arguments import validate_unique
-from cosim.base.command import (
-    File,
-    Folder,
-    Friction,
-    Jobs,
-    MotorFmuFile,
-    MotorParameters,
-    Positive,
-    PresetName,
-    Seed,
-    workers,
-)
 from cosim.base.errors import UserError
 from cosim.base.jobs import THREADS, Where
 from cosim.base.progress import Progress, under_way
@@ -52,9 +41,9 @@ class MotorTest(Command):
     brakes it: the open loop settles elsewhere, the closed loop returns to its set point.
     """
 
-    out: File = Path("runs/motor_test.rrd")
+    out: opt.File = Path("runs/motor_test.rrd")
     """Recording to write (.rrd)."""
-    motor_fmu: MotorFmuFile = None
+    motor_fmu: opt.MotorFmuFile = None
     test: Annotated[StepTest, tyro.conf.OmitArgPrefixes] = field(default_factory=StepTest)
 
     def run(self, progress: Progress) -> Output:
@@ -78,11 +67,11 @@ class MotorLoop(Command):
     set point with its own and other gains, and without anti-windup.
     """
 
-    out: File = Path("figures/motor_loop.png")
+    out: opt.File = Path("figures/motor_loop.png")
     """Figure to write; PNG and PDF are written next to each other."""
-    motor_fmu: MotorFmuFile = None
-    motor_parameters: MotorParameters = ()
-    omega_des: Annotated[Positive | None, tyro.conf.arg(metavar="RAD_S")] = None
+    motor_fmu: opt.MotorFmuFile = None
+    motor_parameters: opt.MotorParameters = ()
+    omega_des: Annotated[opt.Positive | None, tyro.conf.arg(metavar="RAD_S")] = None
     """Set point of the step in rad/s, for which the gains are proposed; by default 700, or 80 % of
     what the motor reaches, if that is less."""
 
@@ -173,11 +162,11 @@ class Calibrate(Command):
     noise or code change; this command shows the result.
     """
 
-    out: Folder = Path("runs/calibration")
+    out: opt.Folder = Path("runs/calibration")
     """Output folder: calibration.npz, calibration.json, calibration.png."""
     again: bool = False
     """Measure even if the cache has this calibration."""
-    jobs: Jobs = -1
+    jobs: opt.Jobs = -1
     physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
 
     def run(self, progress: Progress) -> Output:
@@ -187,7 +176,7 @@ class Calibrate(Command):
         from cosim.calibration.report import draw, manoeuvre_rows, report_of
         from cosim.coupling.parameters import with_motor
 
-        config, jobs, out = self.physics.config(), workers(self.jobs), self.out
+        config, jobs, out = self.physics.config(), opt.workers(self.jobs), self.out
         out.mkdir(parents=True, exist_ok=True)
         fmu = self.physics.fmu(progress)
         config = with_motor(config, fmu)
@@ -217,14 +206,14 @@ class MovePlatform(Command):
     another machine. The result file also holds a table of net speeds over friction and motor speed.
     """
 
-    out: File = Path("runs/platform.npz")
+    out: opt.File = Path("runs/platform.npz")
     """Result file (.npz)."""
     cycles: Annotated[int, Meta(ge=1, le=100)] = 6
     """Turns of the motor to show."""
     omega: Annotated[float, tyro.conf.arg(metavar="RAD_S")] = 900.0
     """Motor speed of the platform of Tables I and II, in rad/s."""
-    preset: PresetName = PAPER
-    mu: Friction = None
+    preset: opt.PresetName = PAPER
+    mu: opt.Friction = None
 
     def run(self, progress: Progress) -> Output:
         from cosim.base.storage import require_suffix
@@ -264,10 +253,10 @@ class DesignRobot(Command):
     changes of the speed with every parameter: eccentric mass, friction, weight, motor speed.
     """
 
-    speed: Annotated[Positive, tyro.conf.arg(metavar="MM_S")]
+    speed: Annotated[opt.Positive, tyro.conf.arg(metavar="MM_S")]
     """Wanted speed in mm/s."""
-    preset: PresetName = PAPER
-    mu: Friction = None
+    preset: opt.PresetName = PAPER
+    mu: opt.Friction = None
 
     def run(self, progress: Progress) -> Output:
         from cosim.machine.platform.design import design
@@ -324,12 +313,12 @@ class Validate(Command):
     cache: the same command resumes.
     """
 
-    out: Folder = Path("runs/validation")
+    out: opt.Folder = Path("runs/validation")
     """Folder of the tables: validation.json and validation.md."""
     quick: bool = False
     """Short trial: two phases and two robots instead of eight each."""
-    seed: Seed = 0
-    motor_fmu: MotorFmuFile = None
+    seed: opt.Seed = 0
+    motor_fmu: opt.MotorFmuFile = None
     where: Where = THREADS
 
     def interrupted(self) -> str:
@@ -368,15 +357,15 @@ class IdentifyRobot(Command):
     """The track."""
     excite: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
     """Write the motor speeds to drive a robot with: time, omega_1, omega_2."""
-    out: Folder = Path("runs/robot")
+    out: opt.Folder = Path("runs/robot")
     """Output folder: preset.toml, identification.json, report.md, tracks.svg."""
     preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
     """Machine that the robot is like: what is not identified, such as its mass, and what is assumed
     before anything is."""
     board: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="M M")] = None
     """Width and height of the board in m, with its corner at the origin; by default endless."""
-    motor_fmu: MotorFmuFile = None
-    motor_parameters: MotorParameters = ()
+    motor_fmu: opt.MotorFmuFile = None
+    motor_parameters: opt.MotorParameters = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -439,7 +428,7 @@ class BuildFmus(Command):
         tyro.conf.Positional[tuple[What, ...]], tyro.conf.arg(metavar="{motor,motors}")
     ] = ()
     """What to build: models by their short names."""
-    out: Folder
+    out: opt.Folder
     """Folder that receives the files; made if missing."""
     model: tuple[Model, ...] = MODELS
     """Models to build if no model is named."""
@@ -449,7 +438,7 @@ class BuildFmus(Command):
     """Platforms with binaries in the archive. A first build for Windows takes about a
     minute, every other build seconds."""
 
-    sources: Folder | None = None
+    sources: opt.Folder | None = None
     """Folder of an unpacked FMI 3.0 FMU with sources/buildDescription.xml, to compile and pack as
     an FMU of the folder's name."""
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import tyro
 
 from analysis.reading.results import FIGURES
-from cosim.base.command import Folder, Jobs, Seed, workers
+from cosim.base import command as opt
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
 from minirobots.runner import RESUMES, Command, Output
@@ -31,9 +31,9 @@ class Figures(Command):
 
     figures: tyro.conf.Positional[tuple[str, ...]] = (ALL,)
     """Figures to draw by name, or all."""
-    results: Folder = Path("runs/reproduction/results")
+    results: opt.Folder = Path("runs/reproduction/results")
     """Folder of results, as `minirobots reproduce` fills it."""
-    out: Folder = Path("figures")
+    out: opt.Folder = Path("figures")
     """Folder to write to."""
     small: bool = False
     """Write only PNGs of 900 pixels, for the docs."""
@@ -85,15 +85,15 @@ class Reproduce(Command):
 
     kept = RESUMES
 
-    out: Folder = Path("runs/reproduction")
+    out: opt.Folder = Path("runs/reproduction")
     """Folder to write to."""
     quick: bool = False
     """Short version of a few minutes: few runs, training episodes and co-simulated episodes."""
     report_only: bool = False
     """Only draw the figures and write the report, from the results that DIR/results has. The report
     names missing results with the commands that make them."""
-    seed: Seed = 0
-    jobs: Jobs = -1
+    seed: opt.Seed = 0
+    jobs: opt.Jobs = -1
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -114,7 +114,7 @@ class Reproduce(Command):
         if self.report_only:
             page = redraw(self.out, progress, say)
         else:
-            profile, jobs = QUICK if self.quick else FULL, workers(self.jobs)
+            profile, jobs = QUICK if self.quick else FULL, opt.workers(self.jobs)
             page = reproduce(
                 self.out, profile, seed=self.seed, jobs=jobs, progress=progress, say=say
             )

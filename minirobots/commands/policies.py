@@ -13,20 +13,8 @@ from agent.mdp.config import ProcessConfig
 from agent.moves.worlds import RANGES, WorldRange
 from agent.study.axes import AXES, Axis
 from agent.training.settings import COMPARED, FACTS, LearningConfig, Method, read_settings
+from cosim.base import command as opt
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
-from cosim.base.command import (
-    BudgetMinutes,
-    Count,
-    File,
-    Folder,
-    Jobs,
-    NewFolder,
-    NotNegative,
-    Positive,
-    ScenarioName,
-    Seed,
-    workers,
-)
 from cosim.base.errors import UserError, in_shell
 from cosim.base.jobs import PROCESSES, THREADS, Where
 from cosim.base.progress import Progress
@@ -65,14 +53,14 @@ class Train(Command):
 
     kept = RESUMES
 
-    scenario: ScenarioName = "4"
-    out: NewFolder = None
-    runs: Count = 1
+    scenario: opt.ScenarioName = "4"
+    out: opt.NewFolder = None
+    runs: opt.Count = 1
     """Independent runs (the paper: 20)."""
-    seed: Seed = 0
-    config: File | None = None
+    seed: opt.Seed = 0
+    config: opt.File | None = None
     """Settings file with tables [process] and [learning]; options given here override it."""
-    moves: File | None = None
+    moves: opt.File | None = None
     """Moves observed by `minirobots moves`: train on them instead of the grid."""
     where: Where = PROCESSES
     log: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
@@ -144,12 +132,12 @@ class Evaluate(Command):
     decides it; the exit status is 1 unless every policy is certified."""
     confidence: Annotated[float | None, tyro.conf.arg(metavar="P")] = None
     """Least probability that the verdict is right, by default 0.999."""
-    seed: Seed = 0
+    seed: opt.Seed = 0
     scenario: str | None = None
     """Scenario (a name, or a file) of methods and objects; files of any other one are refused."""
-    out: Folder = Path("runs/evaluate")
+    out: opt.Folder = Path("runs/evaluate")
     """Folder of results and recordings; results of other configurations are kept apart in it."""
-    recordings: NotNegative = 3
+    recordings: opt.NotNegative = 3
     """Episodes of each policy to record: at most this number of failures and of successes."""
     where: Where = THREADS
     physics: AsOptions = field(default_factory=SimulationOptions)
@@ -225,13 +213,13 @@ class Study(Command):
 
     file: Annotated[Path, tyro.conf.Positional]
     """Study (.toml)."""
-    out: Folder | None = None
+    out: opt.Folder | None = None
     """Folder of the tables (study.json, .md, .parquet, .png, episodes.parquet) and results; by
     default that of the file, or runs/ and its name."""
     quantity: str = "success"
     """Quantity of the plot: success, collision, out_of_board, timeout, path_length_cm,
     rotation_deg, path_ratio_to_grid, min_distance_cm, sim_time_s or energy_j."""
-    budget_minutes: BudgetMinutes = None
+    budget_minutes: opt.BudgetMinutes = None
     where: Where = THREADS
 
     def run(self, progress: Progress) -> Output:
@@ -262,10 +250,10 @@ class Comparison(Command):
 
     quick: bool = False
     """Short trial: two episodes in every row, instead of 50, 200 or all starts."""
-    budget_minutes: BudgetMinutes = None
+    budget_minutes: opt.BudgetMinutes = None
     methods: tuple[Method, ...] = COMPARED
     """Methods to measure; see `minirobots run --help`."""
-    seed: Seed = 0
+    seed: opt.Seed = 0
     where: Where = THREADS
 
 
@@ -279,7 +267,7 @@ class Transfer(Comparison):
     and calibrations that are missing are made first.
     """
 
-    out: Folder = Path("runs/transfer")
+    out: opt.Folder = Path("runs/transfer")
     """Folder of the table (transfer.json, transfer.md), policies and results."""
     scenarios: tuple[str, ...] = tuple(PAPER)
     """Scenarios to measure, built in or files (.toml)."""
@@ -311,13 +299,13 @@ class Robustness(Comparison):
     are missing are made first.
     """
 
-    out: Folder = Path("runs/robustness")
+    out: opt.Folder = Path("runs/robustness")
     """Folder of the table (robustness.json, .md, .png), policies and results."""
-    episodes: Count | None = None
+    episodes: opt.Count | None = None
     """Episodes of every row, 50 by default."""
     scenario: str = "4"
     """Built-in scenario or a scenario file (.toml)."""
-    world: File = ROUGH
+    world: opt.File = ROUGH
     """World with all deviations (.toml with a table [world]), by default that of
     docs/methods.md."""
     axes: tuple[Axis, ...] = AXES
@@ -337,7 +325,7 @@ class Robustness(Comparison):
         from agent.study.transfer import OF_WORLDS, robustness
         from cosim.base.table import show
 
-        report = robustness(**vars(self) | {"world": read_world(self.world)}, progress=progress)
+        report = robustness(**{**vars(self), "world": read_world(self.world)}, progress=progress)
         table = partial(show, OF_WORLDS, report.rows, names=5)
         files = f"table in {self.out}/: robustness.json, robustness.md, robustness.png"
         return Output(report, table, files)
@@ -351,7 +339,7 @@ class Bound(Command):
     process; a policy need not be able to reach both at once. Results are cached.
     """
 
-    scenario: ScenarioName = "4"
+    scenario: opt.ScenarioName = "4"
     process: ProcessConfig = field(default_factory=ProcessConfig)
     """Interpretations of the paper; only target_obstacle and collision limit the paths."""
 
@@ -394,18 +382,18 @@ class ObserveMoves(Command):
     worlds that are not ideal.
     """
 
-    out: File = Path("runs/moves.json")
+    out: opt.File = Path("runs/moves.json")
     """File to write (.json)."""
-    moves: Count = 24
+    moves: opt.Count = 24
     """Moves of each of the 8 kinds (straight or diagonal, after a turn of 0, 45, 90 or -45 deg)."""
     worlds: bool = False
     """Let every walk drive in a world of its own, drawn from the ranges below."""
     ranges: Annotated[WorldRange, tyro.conf.arg(name="worlds")] = RANGES
     """Ranges that worlds are drawn from uniformly, see docs/methods.md."""
-    cell: Annotated[Positive, tyro.conf.arg(metavar="M")] = Scenario.cell_m
+    cell: Annotated[opt.Positive, tyro.conf.arg(metavar="M")] = Scenario.cell_m
     """Edge of a cell in m, that of the scenario to train in."""
-    seed: Seed = 0
-    jobs: Jobs = -1
+    seed: opt.Seed = 0
+    jobs: opt.Jobs = -1
     physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
     deciding: Annotated[DecisionOptions, tyro.conf.OmitArgPrefixes] = field(
         default_factory=DecisionOptions
@@ -425,7 +413,7 @@ class ObserveMoves(Command):
         from cosim.base.storage import require_suffix
         from cosim.base.table import show_texts
 
-        out, jobs = require_suffix(self.out, ".json"), workers(self.jobs)
+        out, jobs = require_suffix(self.out, ".json"), opt.workers(self.jobs)
         config, fmu = self.physics.prepare(progress=progress)
         config = self.deciding.deciding(config)
         require_rl_step(config.timing.rl_step_s)
@@ -461,11 +449,11 @@ class Experiments(Command):
 
     experiment: Annotated[Name, tyro.conf.Positional]
     """Experiment to run."""
-    out: NewFolder = None
-    runs: Count = 20
+    out: opt.NewFolder = None
+    runs: opt.Count = 20
     """Independent runs of each variant (the paper: 20)."""
-    seed: Seed = 0
-    episodes: Count = LearningConfig().episodes
+    seed: opt.Seed = 0
+    episodes: opt.Count = LearningConfig().episodes
     """Training episodes of a run (Section V: 5 000 000)."""
     where: Where = PROCESSES
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from cosim.base.command import File
+from cosim.base import command as opt
 from cosim.base.progress import Progress, under_way
 from minirobots.runner import Command, Output
 
@@ -98,7 +98,7 @@ class Screenshot(Command):
 
     recording: tyro.conf.Positional[Path]
     """Recording to open (.rrd)."""
-    out: File = Path("screenshot.png")
+    out: opt.File = Path("screenshot.png")
     """Picture to write (.png)."""
     width: Annotated[int, tyro.conf.arg(metavar="PX")] = 1280
     """Width of the picture in pixels."""
@@ -135,7 +135,7 @@ class Export(Command):
     """Recording of an episode (.rrd or .rrd.part)."""
     to: Literal["parquet", "csv"]
     """Format to write."""
-    out: File | None = None
+    out: opt.File | None = None
     """File to write; by default next to the recording, with its name."""
     signals: tuple[str, ...] = ()
     """Signals and states to write, by name or pattern, such as r1/motors/omega or 'r1/*'; all by
@@ -158,3 +158,68 @@ class Export(Command):
         return Output(
             {"file": str(out), "signals": len(episode.signals), "bytes": out.stat().st_size}
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compare(Command):
+    """Compare two recorded episodes: where they part, and why.
+
+    Prints what differs in configuration and outcome, and every signal and state that differs, with
+    the simulated time of its first difference, the earliest first. The picture has both paths and
+    the first signals that part. Exits with status 1 if anything differs.
+    """
+
+    first: Annotated[Path, tyro.conf.Positional]
+    """Recording of an episode (.rrd or .rrd.part)."""
+    second: Annotated[Path, tyro.conf.Positional]
+    """Another one."""
+    out: opt.File | None = None
+    """Picture to write (.png, .pdf or .svg); by default none."""
+
+    def run(self, progress: Progress) -> Output:
+        from analysis.compare import compare, draw
+        from cosim.base.storage import replacing
+        from cosim.recording.reader import read_episode
+
+        a, b = map(read_episode, (self.first, self.second))
+        found = compare(a, b)
+        if self.out is not None:
+            with replacing(self.out) as temporary:
+                draw(a, b, found).savefig(temporary, format=self.out.suffix[1:], dpi=150)
+        rows = {"outcome": found.outcomes, "simulated s": found.times_s}
+        rows |= found.facts | found.parameters
+        changed = {name: pair for name, pair in rows.items() if pair[0] != pair[1]}
+        return Output(
+            found,
+            *(f"{name}: {one} and {other}" for name, (one, other) in changed.items()),
+            *(
+                f"{name} differs" + ("" if time_s is None else f" from {time_s:g} s on")
+                for name, time_s in found.differences.items()
+            ),
+            f"{found.signals - len(found.differences)} of {found.signals} signals are equal in "
+            "every bit",
+            *([f"picture in {self.out}"] if self.out else []),
+            failed=bool(found.differences),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Video(Command):
+    """Make a video of a recorded episode: the board from above, with robots, trails and a clock.
+
+    It needs no viewer. GIFs need nothing else; MP4 needs the extra video.
+    """
+
+    recording: Annotated[Path, tyro.conf.Positional]
+    """Recording of an episode (.rrd or .rrd.part)."""
+    out: opt.File = Path("episode.gif")
+    """Video to write (.mp4 or .gif)."""
+    speed: opt.Positive = 10.0
+    """Simulated seconds per second of the video."""
+
+    def run(self, progress: Progress) -> Output:
+        from analysis.video import write_video
+        from cosim.recording.reader import read_episode
+
+        frames = write_video(read_episode(self.recording), self.out, self.speed, progress)
+        return Output({"video": str(self.out), "frames": frames})

@@ -11,11 +11,11 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from minirobots.commands.train import Train
 
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy
-from cosim.base.command import parse
+from minirobots.commands.policies import Train
+from minirobots.runner import parse
 
 SHORT = ("--learning.episodes", "4000", "--learning.epsilon-episodes", "10")
 
@@ -128,7 +128,7 @@ def test_interrupt_ends_with_status_130_and_leaves_a_folder_to_go_on_with(tmp_pa
     [
         (("--scenario", "9"), "unknown scenario"),
         (("--learning.eta", "3"), "eta = 3.0"),
-        (("--runs", "0"), "--runs"),
+        (("--runs", "0"), "runs = 0 is invalid: expected int >= 1"),
         (("--config", "none.toml"), "no such settings file"),
     ],
 )
@@ -143,7 +143,7 @@ def test_options_override_the_settings_file(tmp_path):
     path = tmp_path / "s.toml"
     path.write_text("[learning]\neta = 0.5\ngamma = 0.5\n[process]\nstep_limit = 7\n")
     arguments = ["--config", str(path), "--learning.gamma", "0.25"]
-    options = parse(Train, "", arguments, Train.defaults(arguments))
+    options = parse(Train, "", arguments, Train.defaults(arguments)).options
     assert (options.learning.eta, options.learning.gamma) == (0.5, 0.25)
     assert options.process.step_limit == 7
 

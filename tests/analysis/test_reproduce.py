@@ -5,15 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from minirobots.commands.reproduce import Reproduce
 
 from analysis.profiles import QUICK
 from analysis.reading.results import FIGURES, RESULTS
 from analysis.timings import Timings
 from cosim.base.errors import UserError
+from cosim.base.progress import silent
 from minirobots import reproduction as stages
-from minirobots.reproduction import reproduce
-from minirobots.runner import module_of, options_of
+from minirobots.commands.paper import Reproduce
+from minirobots.reproduction import command_of, reproduce
 
 
 @pytest.fixture
@@ -80,8 +80,8 @@ def test_other_profiles_and_seeds_are_refused(out, tiny):
     with pytest.raises(UserError, match="choose another --out"):
         reproduce(out, tiny, seed=1, jobs=1, say=print)
     with pytest.raises(UserError, match="--jobs must be at least 1"):
-        Reproduce(out=out, jobs=0)
-    with pytest.raises(UserError, match="--seed must not be negative"):
+        Reproduce(out=out, jobs=0).run(silent)
+    with pytest.raises(UserError, match="seed = -1 is invalid: expected int >= 0"):
         Reproduce(out=out, seed=-1)
     with pytest.raises(UserError, match="no effect with --report-only"):
         Reproduce(out=out, report_only=True, quick=True)
@@ -116,7 +116,7 @@ def test_interrupted_stage_is_not_finished_and_its_time_counts(tmp_path, tiny):
 def test_the_seed_is_that_of_everything_random():
     """Training, starts and noise: each command that draws gets the seed as each of its seeds."""
     for result in RESULTS.values():
-        settings = stages._settings(result, QUICK, 7, 1)
-        options = options_of(module_of(result.maker))(out=result.location(Path("x")), **settings)
-        seeds = [name for name in vars(options) if name.endswith("seed")]
-        assert all(getattr(options, name) == 7 for name in seeds), (result.name, seeds)
+        options = vars(command_of(result, Path("x"), QUICK, 7, 1))
+        options |= vars(options.pop("physics")) if result.maker == "run" else {}
+        seeds = {name: value for name, value in options.items() if name.endswith("seed")}
+        assert set(seeds.values()) <= {7}, (result.name, seeds)

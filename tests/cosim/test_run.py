@@ -1,5 +1,6 @@
 """The main command as its users meet it: results, refusals, interrupts, repeatability."""
 
+import contextlib
 import functools
 import json
 import shutil
@@ -11,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from minirobots.commands.run import Run
 
 from agent.mdp.config import ProcessConfig
 from agent.moves import observe
@@ -23,6 +23,7 @@ from cosim.base import storage
 from cosim.base.storage import cache_dir, lock_folder
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.reader import read_episode
+from minirobots.commands.episodes import Run
 
 BRIEF = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
 
@@ -153,7 +154,7 @@ def test_trained_policy_is_found_again(runs):
         (["--dt", "3e-5"], "not a whole multiple"),
         (["--mu", "-1"], "mu = -1.0 must be"),
         (["--speed", "9"], "would make the robot hop; the largest possible is 4."),
-        (["--episodes", "0"], "--episodes must be at least 1"),
+        (["--episodes", "0"], "episodes = 0 is invalid: expected int >= 1"),
         (["--out", "/proc/none"], "/proc/none"),
         (["--policy", "nowhere.npz"], "nowhere.npz"),
         (["--no-record", "--record", "full"], "--no-record contradicts --record full"),
@@ -291,13 +292,11 @@ def test_a_folder_in_use_is_refused(command, tmp_path, name):
 
 def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    runs = [Run(scenario="2") for _ in range(5)]
-    assert len({run.folder for run in runs}) == 5
-    with runs[0].alone():
-        (runs[0].folder / "summary.json").touch()
-    with runs[1].alone():
-        pass
-    assert [run.folder.exists() for run in runs[:3]] == [True, False, True]
+    with contextlib.ExitStack() as stack:
+        runs = [stack.enter_context(Run(scenario="2").alone()).out for _ in range(3)]
+        assert len(set(runs)) == 3
+        (runs[0] / "summary.json").touch()
+    assert [run.exists() for run in runs] == [True, False, False]
 
 
 @pytest.mark.long

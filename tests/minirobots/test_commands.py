@@ -6,17 +6,15 @@ import re
 import shutil
 import subprocess
 import sys
-from dataclasses import is_dataclass
 from pathlib import Path
 
 import pytest
 
 import minirobots.__main__
-from cosim.base.command import print_json
-from minirobots.runner import module_of, options_of
+from minirobots.commands import COMMANDS
+from minirobots.runner import print_json
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = minirobots.__main__.purposes()
 # What takes long to load, and no options need.
 HEAVY = {
     "fmpy", "gymnasium", "joblib", "matplotlib", "numba", "pyarrow", "rerun", "rich",
@@ -42,16 +40,13 @@ def program(command):
     return lambda *arguments: command(minirobots.__main__, *arguments)
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_command_has_its_functions_and_options(name):
-    options = options_of(module_of(name))
-    assert is_dataclass(options)
-    assert options.__doc__
+def python(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
+    options = {"text": True, **options}
+    return subprocess.run([sys.executable, *arguments], capture_output=True, check=False, **options)
 
 
 def test_help_of_each_command_loads_only_what_options_need():
-    arguments = [sys.executable, "-c", HELP_OF_ALL, json.dumps(list(COMMANDS))]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    done = python("-c", HELP_OF_ALL, json.dumps(list(COMMANDS)))
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found.keys() == COMMANDS.keys()
@@ -63,8 +58,7 @@ def test_help_of_each_command_loads_only_what_options_need():
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
 def test_terminals_of_any_encoding_show_what_they_can(encoding):
     environment = os.environ | {"PYTHONIOENCODING": encoding}
-    command = [sys.executable, "-m", "minirobots", "run", "--help"]
-    done = subprocess.run(command, capture_output=True, env=environment, check=False)
+    done = python("-m", "minirobots", "run", "--help", env=environment, text=False)
     assert (done.returncode, done.stderr) == (0, b"")
     assert "with a ? of 0.4" in " ".join(done.stdout.decode(encoding).split())
 
@@ -77,27 +71,20 @@ def test_json_is_ascii(capsys):
 
 
 def test_help_loads_no_command():
-    program = (
+    done = python(
+        "-c",
         "import sys, minirobots.__main__ as m; m.main();"
-        "assert 'tyro' not in sys.modules and 'numpy' not in sys.modules"
+        "assert 'tyro' not in sys.modules and 'numpy' not in sys.modules",
     )
-    subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)])
 def test_help_names_every_command(program, arguments):
     done = program(*arguments)
     assert (done.returncode, done.stderr) == (0, "")
-    for name, purpose in COMMANDS.items():
-        assert f"  {name} " in done.stdout
-        assert purpose.removesuffix(".") in done.stdout
-
-
-def test_command_does_what_its_module_does(program, tmp_path):
-    done = program("run", "--scenario", "7", "--out", tmp_path / "x")
-    assert done.returncode == 2
-    assert done.stderr.startswith("error: unknown scenario '7'")
-    assert not (tmp_path / "x").exists()
+    for name, (*_, purpose) in COMMANDS.items():
+        assert re.search(f"  {name} +{re.escape(purpose)}\n", done.stdout)
 
 
 @pytest.mark.parametrize(
@@ -131,33 +118,32 @@ def test_unknown_command_gets_one_sentence(program):
 def test_completion_for_bash_knows_every_command_and_its_options(program):
     done = program("--tyro-print-completion", "bash")
     assert done.returncode == 0, done.stderr
-    script = done.stdout
-    assert "complete" in script
-    assert [name for name in COMMANDS if name not in script] == []
-    assert "--shield" in script
+    assert "complete" in done.stdout
+    assert [name for name in (*COMMANDS, "--shield") if name not in done.stdout] == []
     syntax = subprocess.run(
-        ["bash", "-n"], input=script, capture_output=True, text=True, check=False
+        ["bash", "-n"], input=done.stdout, capture_output=True, text=True, check=False
     )
     assert (syntax.returncode, syntax.stderr) == (0, "")
 
 
 @pytest.fixture
 def added(tmp_path):
-    """Returns `minirobots` with a command of CONTRIBUTING.md, by its docstring, as a file of it."""
+    """Returns `minirobots` with a command of CONTRIBUTING.md, by its class: a file and a line."""
 
-    def add(docstring: str, name: str):
+    def add(kind: str, name: str):
         page = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
-        (code,) = re.findall(rf'^```python\n("""{docstring}.*?)^```$', page, re.M | re.S)
-        assert code.count("\n") <= 60
+        (code,) = re.findall(
+            rf"^```python\n((?:(?!```).)*class {kind}\(.*?)^```$", page, re.M | re.S
+        )
+        (line,) = re.findall(rf'^ *("{name}": .*)$', page, re.M)
         shutil.copytree(ROOT / "minirobots", tmp_path / "minirobots")
-        (tmp_path / "minirobots" / "commands" / f"{name}.py").write_text(code)
-        return lambda *arguments: subprocess.run(
-            [sys.executable, "-m", "minirobots", *arguments],
-            cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"},
-            capture_output=True,
-            text=True,
-            check=False,
+        commands = tmp_path / "minirobots" / "commands"
+        (commands / "mine.py").write_text(code)
+        table = (commands / "__init__.py").read_text("utf-8")
+        (commands / "__init__.py").write_text(table.replace("COMMANDS = {", "COMMANDS = {" + line))
+        environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+        return lambda *arguments: python(
+            "-m", "minirobots", *arguments, cwd=tmp_path, env=environment
         )
 
     return add
@@ -165,7 +151,7 @@ def added(tmp_path):
 
 @pytest.mark.long
 def test_a_study_is_added_by_one_file(added, tmp_path):
-    called = added("How success depends", "decisions")
+    called = added("Decisions", "decisions")
     small = ("--steps", "1.0", "4.0", "--episodes", "1", "--jobs", "1", "--json")
     done = called("decisions", *small)
     assert done.returncode == 0, done.stderr
@@ -178,7 +164,7 @@ def test_a_study_is_added_by_one_file(added, tmp_path):
 
 @pytest.mark.long
 def test_a_command_is_added_by_one_file(added):
-    called = added("Print the target cells", "target_cells")
+    called = added("TargetCells", "target-cells")
     assert "  target-cells   Print the target cells of a scenario\n" in called().stdout
     done = called("target-cells", "--scenario", "4", "--json")
     assert (done.returncode, done.stderr) == (0, "")
@@ -187,10 +173,10 @@ def test_a_command_is_added_by_one_file(added):
     assert found["scenario"] == "4"
     assert lines == [f"r{k}: {x} {y}" for k, (x, y) in enumerate(found["targets"], start=1)]
     assert called("target-cells", "--scenario", "1a").returncode == 1
-    for wrong, said in (("--robots", "0"), "--robots must"), (("--scenario", "9"), "unknown"):
+    for wrong, message in (("--robots", "0"), "robots = 0"), (("--scenario", "9"), "unknown"):
         refused = called("target-cells", *wrong)
         assert (refused.returncode, refused.stdout) == (2, "")
-        assert refused.stderr.startswith(f"error: {said}")
+        assert refused.stderr.startswith(f"error: {message}")
     assert "target-cells" in called("--tyro-print-completion", "bash").stdout
     assert "examples:" not in called("target-cells", "--help").stdout  # no page shows it
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from minirobots.commands.evaluate import Evaluate
 from pyarrow import parquet
 
 from agent.evaluation.cases import Case
@@ -22,6 +21,7 @@ from cosim.model.outcome import Outcome
 from cosim.model.params import TABLE_I
 from cosim.simulation.options import SimulationOptions
 from cosim.simulation.result import EpisodeResult
+from minirobots.commands.policies import Evaluate
 
 RESULT = EpisodeResult(
     Outcome.SUCCESS, 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
@@ -233,7 +233,7 @@ def test_episodes_are_exported(whole, tmp_path):
     [
         ({"starts": "many"}, "--starts many is neither 'all' nor a positive number"),
         ({"starts": "0"}, "--starts 0 is neither"),
-        ({"recordings": -1}, "--recordings must not be negative"),
+        ({"recordings": -1}, "recordings = -1 is invalid: expected int >= 0"),
     ],
 )
 def test_bad_options_are_refused(options, message):

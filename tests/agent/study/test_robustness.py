@@ -4,7 +4,6 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from minirobots.commands.robustness import Robustness
 
 from agent.study.axes import AXES, points
 from agent.study.episodes import EPISODES
@@ -14,6 +13,7 @@ from cosim.base.errors import UserError
 from cosim.base.table import markdown
 from cosim.model.scenario_file import find_scenario, in_world, read_world
 from cosim.model.world import IDEAL, World
+from minirobots.commands.policies import Robustness
 from tests.agent.study.test_transfer import BOARD
 
 ROUGH = Path(__file__).parents[3] / "docs" / "examples" / "rough.toml"

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from minirobots.commands.transfer import Transfer
 
 from agent.evaluation.cases import Case
 from agent.mdp.config import ProcessConfig
@@ -19,6 +18,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
 from cosim.simulation.result import EpisodeResult
+from minirobots.commands.policies import Transfer
 
 pytestmark = pytest.mark.long  # it trains and drives
 
@@ -116,7 +116,11 @@ def test_goals_are_judged_by_the_worst_row(table):
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"budget_minutes": -1.0}, UserError, "--budget-minutes must not be negative"),
+        (
+            {"budget_minutes": -1.0},
+            UserError,
+            "budget_minutes = -1.0 is invalid",
+        ),
         ({"scenarios": ("7",)}, UserError, "unknown scenario '7'"),
         ({"scenarios": ("4", "4")}, ConfigError, "--scenarios has two of one name"),
         ({"scenarios": ()}, ConfigError, "at least one each"),

@@ -3,7 +3,7 @@
 import pytest
 
 from analysis.reading.results import FIGURES, RESULTS, missing, recordings
-from minirobots.runner import module_of
+from minirobots.commands import COMMANDS
 
 
 def test_figures_are_drawn_from_defined_results():
@@ -15,7 +15,7 @@ def test_figures_are_drawn_from_defined_results():
 @pytest.mark.parametrize("name", ["platform", "motor_test", "fig08", "episodes_4_paper"])
 def test_commands_exist_and_name_the_place(name, tmp_path):
     result = RESULTS[name]
-    assert module_of(result.maker).run
+    assert result.maker in COMMANDS
     assert result.command(tmp_path).endswith(f"--out {tmp_path / result.path}")
     assert result.command(tmp_path).startswith(f"minirobots {result.maker} ")
 

@@ -19,7 +19,7 @@ from cosim.base.jit import kernel
 from cosim.model.scenario_file import find_scenario
 from fmus import build
 
-os.environ["MINIROBOTS_CACHE"] = sys.argv[1]  # but for the kernels
+os.environ["MINIROBOTS_CACHE"] = sys.argv[1]
 
 @kernel
 def squares(count):

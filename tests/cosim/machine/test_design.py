@@ -62,8 +62,8 @@ def test_the_command_says_it_in_words_and_as_json(command):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--speed", "0"), "--speed 0 must be positive and finite"),
-        (("--speed", "1", "--mu", "-1"), "--mu -1 must be positive and finite"),
+        (("--speed", "0"), "speed = 0.0 is invalid: expected float > 0"),
+        (("--speed", "1", "--mu", "-1"), "mu = -1.0 is invalid: expected float > 0"),
         (("--speed", "1", "--preset", "mine"), "unknown preset 'mine'"),
     ],
 )

@@ -163,12 +163,11 @@ def test_address_that_is_none_is_named(how, url):
 
 def test_missing_viewer_is_told_before_anything_is_done(tmp_path):
     url = address(free_port())
-    options = Run(live=True, viewer=url, out=tmp_path / "x")
     with pytest.raises(UserError, match="no Rerun viewer answers at"):
-        options.run(silent)
+        Run(live=True, viewer=url, out=tmp_path / "x").run(silent)
     assert not (tmp_path / "x").exists()
 
 
 def test_nothing_recorded_cannot_be_watched():
     with pytest.raises(ConfigError, match="choose another --record"):
-        Run(live=True, record="none")
+        Run(live=True, no_record=True)

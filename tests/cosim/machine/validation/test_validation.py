@@ -145,4 +145,4 @@ def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, comm
 def test_mistakes_are_one_sentence(command):
     done = command("validate", "--seed", "-1")
     assert done.returncode == USER_ERROR_STATUS
-    assert done.stderr == "error: --seed must not be negative\n"
+    assert done.stderr == "error: seed = -1 is invalid: expected int >= 0\n"

@@ -1,0 +1,142 @@
+"""Two episodes next to each other: where they part, and what differs in their configuration."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import msgspec
+import numpy as np
+from matplotlib.figure import Figure
+
+from analysis.figures.fig05 import draw_board, robot_colour
+from cosim.base.plotting import styled
+from cosim.recording.reader import Episode, RecordingData, read_episode
+
+Recorded = Episode | RecordingData
+_NONE = (np.empty(0), np.empty(0))
+_STYLES = ("-", "--")  # of the first episode and of the second
+_CURVES = 3  # signals that are drawn, at most
+
+
+class Comparison(msgspec.Struct, frozen=True):
+    """Two episodes and what differs between them.
+
+    Attributes:
+        recordings: of both.
+        complete: whether the first one's writer completed it; else both are compared up to its end.
+        outcomes, times_s: how and when each ended.
+        facts, parameters: values of both, by the name of what differs.
+        signals, values: that were compared, states and log lines among them.
+        differences: time from which on signals differ in a bit, the earliest first; None where
+            one of them lacks samples.
+    """
+
+    recordings: tuple[str, str]
+    complete: bool
+    outcomes: tuple[str, str]
+    times_s: tuple[float, float]
+    facts: dict[str, tuple[Any, Any]]
+    parameters: dict[str, tuple[Any, Any]]
+    signals: int
+    values: int
+    differences: dict[str, float | None]
+
+
+def compare(a: Episode | Path | str, b: Episode | Path | str) -> Comparison:
+    """Return what differs between two episodes: configuration, outcome, and every signal.
+
+    Args:
+        a, b: simulated or opened episodes, or files of recordings.
+
+    Raises:
+        FileError: a file holds no episode.
+    """
+    a, b = (e if isinstance(e, Episode) else read_episode(Path(e)) for e in (a, b))
+    series = [series_of(episode) for episode in (a, b)]
+    parameters = [{n: p.value for n, p in e.parameters.items()} for e in (a, b)]
+    return Comparison(
+        recordings=(a.origin, b.origin),
+        complete=a.complete,
+        outcomes=(a.outcome, b.outcome),
+        times_s=(a.time_s, b.time_s),
+        facts=_changed(a.facts, b.facts),
+        parameters=_changed(*parameters),
+        signals=len(series[0] | series[1]),
+        values=sum(part[1].size for part in series[0].values()),
+        differences=find_differences(a, b),
+    )
+
+
+def find_differences(a: Recorded, b: Recorded) -> dict[str, float | None]:
+    """Return the time from which on signals and states differ, the earliest first.
+
+    Of an episode `a` that is not complete the samples that it has are compared.
+    """
+    series, found = [series_of(episode) for episode in (a, b)], {}
+    for name in sorted(series[0] | series[1]):
+        was, now = (signals.get(name, _NONE) for signals in series)
+        if not a.complete:
+            now = tuple(part[: len(was[0])] for part in now)
+        at = _first_difference(was, now)
+        if at is not None:
+            found[name] = float(was[0][at]) if at < min(len(was[0]), len(now[0])) else None
+    return dict(sorted(found.items(), key=lambda row: math.inf if row[1] is None else row[1]))
+
+
+def series_of(episode: Recorded) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return times and values of all signals and states, by name."""
+    found = {name: (signal.time_s, signal.values) for name, signal in episode.signals.items()}
+    return found | {name: (t.time_s, np.array(t.texts)) for name, t in episode.texts.items()}
+
+
+def _changed(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    names = sorted(a.keys() | b.keys())
+    return {n: (a.get(n), b.get(n)) for n in names if a.get(n) != b.get(n)}
+
+
+def _first_difference(was: tuple[np.ndarray, ...], now: tuple[np.ndarray, ...]) -> int | None:
+    """Index of the first sample that is not the same bits; None if all are."""
+    count = min(len(was[0]), len(now[0]))
+    equal = np.full(count, fill_value=True)
+    for a, b in zip(was, now, strict=True):
+        if a.shape[1:] != b.shape[1:]:
+            return 0
+        if a.dtype == b.dtype == np.float64:  # NaN is equal to itself, and 0 not to −0
+            a, b = (np.ascontiguousarray(part).view(np.int64) for part in (a, b))  # noqa: PLW2901
+        equal &= (a[:count] == b[:count]).reshape(count, math.prod(a.shape[1:])).all(axis=1)
+    if not equal.all():
+        return int(equal.argmin())
+    return None if len(was[0]) == len(now[0]) else count
+
+
+@styled
+def draw(a: Episode, b: Episode, compared: Comparison) -> Figure:
+    """Return a picture of both: paths on the board, and the signals that part first, over time.
+
+    Args:
+        a, b: the episodes; the first one's lines are solid, the second one's dashed.
+        compared: of them.
+    """
+    parted = [n for n, time_s in compared.differences.items() if time_s is not None]
+    curves = [name for name in parted if name.startswith("/sim/")][:_CURVES]
+    figure = plt.figure(figsize=(10.0, 4.8))
+    board, *plots = figure.subplot_mosaic(
+        [["board", f"curve {row}"] for row in range(max(1, len(curves)))], width_ratios=(1, 1.2)
+    ).values()
+    if a.scenario is not None:
+        draw_board(board, a.scenario)
+    for episode, style in zip((a, b), _STYLES, strict=True):
+        for number, robot in enumerate(episode.robots):
+            path = 100.0 * episode.signals[f"{robot}/position"].values[:, :2]
+            board.plot(*path.T, style, color=robot_colour(number), linewidth=1.2)
+        for axes, name in zip(plots, curves, strict=False):
+            if (signal := episode.signals.get(name)) is not None:
+                values = signal.values.reshape(len(signal.values), -1)
+                axes.plot(signal.time_s, values[:, 0], style, linewidth=0.8)
+                axes.set_title(f"{name.removeprefix('/sim/')} in {signal.unit}", loc="left")
+    board.set(ylabel="y in cm", aspect="equal")
+    plots[-1].set_xlabel("time in s")
+    board.set_title("solid: first, dashed: second", loc="left")
+    return figure

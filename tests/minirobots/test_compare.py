@@ -1,0 +1,68 @@
+"""Two episodes next to each other, and an episode as a video."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import minirobots as mr
+from analysis.compare import compare
+from analysis.figures.fig05 import robot_colour
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    """Recordings of two episodes that differ by friction only."""
+    folder = tmp_path_factory.mktemp("compare")
+    policy = mr.train("1a", method="shortest", progress=None)
+    paths = []
+    for mu in (0.15, 0.16):
+        episode = mr.simulate("1a", policy, mu=mu, speed=3.0, time_limit=4.0, progress=None)
+        paths.append(folder / f"{mu}.rrd")
+        episode.save(paths[-1])
+    return paths
+
+
+def test_an_episode_does_not_differ_from_itself(recordings):
+    found = compare(recordings[0], recordings[0])
+    assert (found.differences, found.facts, found.parameters) == ({}, {}, {})
+    assert found.values > 10_000
+
+
+def test_what_differs_is_named_with_the_time(recordings, command, tmp_path):
+    done = command("compare", *recordings, "--out", tmp_path / "a.png", "--json")
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert done.returncode == 1
+    assert found["parameters"]["mu"] == [0.15, 0.16]
+    a, b = (mr.open(path).signals["r1/position"] for path in recordings)
+    first = a.time_s[(a.values != b.values).any(axis=1)][0]
+    assert found["differences"]["/sim/r1/position"] == first
+    times = [time_s for time_s in found["differences"].values() if time_s is not None]
+    assert times == sorted(times)
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.width > 1000
+
+
+def test_a_video_shows_the_robot_where_it_is(recordings, command, tmp_path):
+    out = tmp_path / "a.gif"
+    assert command("video", recordings[0], "--out", out, "--speed", "10").returncode == 0
+    with Image.open(out) as image:
+        assert image.n_frames == 6  # every 10 / 12 s of 4 s, and the start
+        colours = np.asarray(image.convert("RGB")).astype(int)
+    episode = mr.open(recordings[0])
+    # the disc is in the robot's colour, half transparent; starts are paler
+    wanted = np.array([int(robot_colour(0)[i : i + 2], 16) for i in (1, 3, 5)])
+    half = (wanted + 255) // 2
+    rows, columns = np.nonzero(abs(colours - half).max(axis=2) < 12)
+    ink = np.nonzero((colours < 60).all(axis=2))
+    left, right, top, bottom = ink[1].min(), ink[1].max(), ink[0].max(), ink[0].min()
+    edge = 30 * (columns.max() - left) / (right - left)
+    at = 100 * episode.signals["r1/position"].values[0, :2]
+    assert edge == pytest.approx(at[0] + 2.5, abs=0.2)
+    assert rows.min() > bottom and rows.max() < top
+
+
+def test_a_video_of_another_format_is_refused(recordings, tmp_path, command):
+    done = command("video", recordings[0], "--out", tmp_path / "a.avi")
+    assert (done.returncode, ".mp4 or .gif" in done.stderr) == (2, True)
