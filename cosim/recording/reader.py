@@ -334,7 +334,7 @@ class Episode:
     signals: Signals
     texts: Mapping[str, Texts]
     moves: Mapping[str, tuple[DrivenMove, ...]]
-    scenario: Scenario | None
+    scenario: Scenario | None = None
 
     @property
     def path(self) -> Path:
