@@ -38,7 +38,6 @@ def episode_blueprint(
 
     Args:
         robots: number of robots, or indices of those with signals to show.
-        size_m: width and height of the board, for the eye.
         bursts: whether bursts at every tick are recorded.
         policies: whether the robots' policies are drawn on the floor; then the first tab has action
             values and rewards, else where robots are.

@@ -74,11 +74,9 @@ class EpisodeRecorder:
 
     Args:
         path: of the recording, or what keeps it in memory.
-        scenario: board, targets, number of robots.
         config: parameters; its `burst_s` should be that of the level.
         recording_id: identity of the recording; equal runs use equal ones.
         facts: what identifies the run, as JSON can hold it, for properties and `/info/run`.
-        level: how much is recorded.
         viewer: address of a running viewer that gets the same data, if any.
         policies: what each robot's policy says of each cell, to be drawn on the floor.
         drawn: what the episode has drawn from its world, if that draws anything.
@@ -205,7 +203,6 @@ class EpisodeRecorder:
         """Take one RL step.
 
         Args:
-            step: what the co-simulation returned.
             decision: of the policy at the start of the step, whether or not it was adopted; by
                 default the action in force, without values.
             reward_parts: (N, 3) reward of the step as the sum of
@@ -227,10 +224,6 @@ class EpisodeRecorder:
         whole_s = min(_STRETCH_S, _STRETCH_ROBOT_S / max(1, len(self._names)))
         if self._stretch_s > whole_s - _ROUNDING_S:
             self._hand_over()
-
-    def conclude(self, result: dict[str, Any]) -> None:
-        """Write how the episode ended, as a property."""
-        self.set_property("result", result)
 
     def _hand_over(self) -> None:
         """Have the stretch written once the one before it is: no more than two are in memory."""

@@ -74,12 +74,7 @@ def write_scene(
 ) -> None:
     """Log everything that does not move: board, zone, targets, and robots in their own frames.
 
-    Args:
-        file: recording being written.
-        scenario: board and targets.
-        robot: geometry of every robot.
-        patches: of the floor, with a friction of their own.
-        sampled: indices of the robots with recorded signals; the others are drawn as bodies.
+    `sampled` has the indices of the robots with recorded signals; the others are drawn as bodies.
     """
     width, height = scenario.size_m
     cell = scenario.cell_m
@@ -144,12 +139,7 @@ def _disc(robot: RobotParams) -> rr.Mesh3D:
 
 
 def shades(colour: int, count: int) -> np.ndarray:
-    """Return a robot's colour and lighter ones, for the components of its signals.
-
-    Args:
-        colour: 0xRRGGBBAA.
-        count: how many, at most four.
-    """
+    """Return a robot's colour 0xRRGGBBAA and lighter ones for at most four components."""
     rgb = np.array([colour >> shift & 0xFF for shift in (24, 16, 8)])
     mixed = [np.round(rgb + share * (255 - rgb)).astype(int) for share in (0.0, 0.6, 0.35, 0.8)]
     return palette([(r << 24) + (g << 16) + (b << 8) + 0xFF for r, g, b in mixed[:count]])
@@ -163,14 +153,6 @@ def robot_colour(robot: int) -> int:
 def faint(colour: int) -> int:
     """A colour at a quarter of its opacity."""
     return (colour & 0xFFFFFF00) | 0x40
-
-
-def shaft_end_m(robot: RobotParams, side: float) -> float:
-    """Return the position in m on the body's y axis at which a motor's mass is drawn.
-
-    At the outer end of the motor, where it can be seen; the forces act at the motor's middle.
-    """
-    return side * (robot.motor_radius_m + robot.motor_length_m / 2.0)
 
 
 def _write_robot(file: Kept, name: str, colour: int, robot: RobotParams) -> None:
@@ -238,14 +220,7 @@ def unit_arrows(action: np.ndarray) -> np.ndarray:
 
 
 def write_floor(file: Kept, name: str, scenario: Scenario, policy: PolicyMap) -> None:
-    """Log a robot's policy at `/world/<name>/policy`: a tile and an arrow per cell it visited.
-
-    Args:
-        file: recording being written.
-        name: of the robot.
-        scenario: the board.
-        policy: maps of the board's cells.
-    """
+    """Log a robot's policy at `/world/<name>/policy`: a tile and an arrow per cell it visited."""
     known = policy.visits > 0
     cells = np.argwhere(known)
     corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -274,16 +249,7 @@ def write_floor(file: Kept, name: str, scenario: Scenario, policy: PolicyMap) ->
 
 
 class RobotScene:
-    """Writes the moving parts of one robot; remembers where it was.
-
-    Args:
-        file: recording being written.
-        name: of the robot.
-        robot: its index.
-        cell_m: edge of the board's cells.
-        config: geometry and clock.
-        detail: rates.
-    """
+    """Writes the moving parts of one robot; remembers where it was."""
 
     def __init__(
         self, file: Kept, name: str, robot: int, cell_m: float, config: CoSimConfig, detail: Detail
@@ -296,12 +262,7 @@ class RobotScene:
         self._visited: set[tuple[int, int]] = set()
 
     def write(self, steps: list[Step], sampled: Stretch) -> None:
-        """Write consecutive RL steps.
-
-        Args:
-            steps: the steps.
-            sampled: their samples.
-        """
+        """Write consecutive RL steps and their samples."""
         if len(sampled.time_s):
             self._write_body(sampled)
             self._write_masses(sampled)
@@ -331,10 +292,12 @@ class RobotScene:
         rows = np.union1d(sampled.ends(self._pose_periods), sampled.bursts(burst))
         theta = sampled.samples.theta[rows, self._robot]
         mounts = motor_mounts(self._config.robot, self._config.motor)
+        # At the motor's outer end, where it can be seen; the forces act at the motor's middle.
+        end_m = self._config.robot.motor_radius_m + self._config.robot.motor_length_m / 2.0
         masses = np.empty((len(rows), len(mounts), 3))
         for motor, mount in enumerate(mounts):
             masses[:, motor, 0] = -mount.r * mount.sin_phi * np.sin(theta[:, motor])
-            masses[:, motor, 1] = shaft_end_m(self._config.robot, mount.sin_phi)
+            masses[:, motor, 1] = mount.sin_phi * end_m
             masses[:, motor, 2] = mount.z - mount.r * np.cos(theta[:, motor])
         points = rr.Points3D.columns(positions=masses.reshape(-1, 3))
         points = points.partition([len(mounts)] * len(rows))

@@ -164,7 +164,7 @@ class ActiveEpisode:
             rewards = parts and parts(step, self.episode.arrived)
             self._recorder.write(step, self._decision, rewards)
             if step.outcome:
-                self._recorder.conclude(facts_of(self.result()))
+                self._recorder.set_property("result", facts_of(self.result()))
 
     def result(self) -> EpisodeResult:
         """Return the result so far."""
