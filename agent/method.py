@@ -155,7 +155,7 @@ def _observed_moves(
     """Return moves of the scenario's robots with these motors, and defaults for all else."""
     fmu = motors.fmu(progress)
     config = calibrated_slower(motors.config().sized(scenario.diameter_m), fmu, progress)
-    config = DecisionOptions(through=through).deciding(config)
+    config = config.merged(DecisionOptions(through=through).tree())
     worlds = None if worlds is None else checked_ranges(worlds, config)
     return cached_moves(config, fmu, progress, worlds, scenario.cell_m)
 

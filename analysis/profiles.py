@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 from agent.training.settings import COMPARED, LearningConfig, Method
 from analysis.reading.results import PAIR_EPISODES, SINGLE_EPISODES
-from cosim.model.built_in import PAPER
 from cosim.model.params import TIMING
+from cosim.model.scenario_file import PAPER
 
 
 @dataclass(frozen=True)

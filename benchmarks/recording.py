@@ -26,7 +26,7 @@ from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.series import DETAILS, Level
-from cosim.simulation.cosimulation import CoSimulation
+from cosim.simulation.batch import Batch
 from fmus.build import cached_fmu
 
 NORTH, SOUTH = 2, 6
@@ -48,25 +48,25 @@ class Options(Checked):
     """Whether to open recordings in the viewer; --no-viewer where there is no Vulkan."""
 
 
-def system_of(level: Level, driver: str = "compiled") -> CoSimulation:
+def system_of(level: Level, driver: str = "compiled") -> Batch:
     """Two robots that drive north and south, with the bursts of a level."""
     timing = TIMING._replace(burst_s=DETAILS[level].burst_s, episode_limit_s=1e9)
-    system = CoSimulation(SCENARIO, cached_fmu(), CoSimConfig(timing=timing), driver)
+    system = Batch(cached_fmu(), CoSimConfig(timing=timing), 2, 1, driver)
     system.compile()
     return system
 
 
-def drive(system: CoSimulation, time_s: float, write: Callable[[Step], None]) -> None:
+def drive(system: Batch, time_s: float, write: Callable[[Step], None]) -> None:
     """One episode of the given simulated time; every step is shown to `write`."""
     starts = tuple(cells[0] for cells in SCENARIO.starts)
-    system.reset(starts, np.random.SeedSequence(0))
+    system.begin(0, SCENARIO, starts, np.random.SeedSequence(0))
     steps = round(time_s / TIMING.rl_step_s)
     for number in range(steps):
-        write(system.advance(np.full(2, NORTH if 2 * number < steps else SOUTH)))
+        write(system.advance({0: np.full(2, NORTH if 2 * number < steps else SOUTH)})[0])
     system.close()
 
 
-def recorded(system: CoSimulation, path: Path, time_s: float, level: Level) -> None:
+def recorded(system: Batch, path: Path, time_s: float, level: Level) -> None:
     """Simulate with a recording."""
     values = np.zeros((2, 8))
     with EpisodeRecorder(

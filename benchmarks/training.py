@@ -22,8 +22,7 @@ from agent.training.settings import LearningConfig
 from benchmarks.timing import best_s
 from cosim.base.command import Checked, Count
 from cosim.base.jobs import Workers
-from cosim.model.built_in import PAPER
-from cosim.model.scenario_file import find_scenario
+from cosim.model.scenario_file import PAPER, find_scenario
 from tests.references.qlearning_c import build_reference, reference_state, train_reference
 
 PAPER_S = 600.0  # "execution time about 10 min", Section V
@@ -97,7 +96,9 @@ def seconds_of_all() -> float:
     """Seconds for 20 runs of each scenario of the paper on all cores, policies saved."""
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
-        for name, scenario in PAPER.items():
-            experiment = Experiment(scenario, ProcessConfig(), SECTION_V, seed=0, runs=20)
+        for name in PAPER:
+            experiment = Experiment(
+                find_scenario(name), ProcessConfig(), SECTION_V, seed=0, runs=20
+            )
             train_runs(experiment, Path(folder) / name, where=Workers(backend="threads"))
     return time.perf_counter() - began

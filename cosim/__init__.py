@@ -18,12 +18,10 @@ if TYPE_CHECKING:
     from cosim.model.world import Patch, Sensor, World
     from cosim.onboard.features import Observation
     from cosim.recording.reader import Episode
-    from cosim.simulation.cosimulation import CoSimulation
     from cosim.simulation.simulate import simulate
 
 __all__ = [
     "CoSimConfig",
-    "CoSimulation",
     "ConfigError",
     "Decision",
     "Episode",
@@ -42,7 +40,6 @@ __all__ = [
 
 _MODULES = {
     "CoSimConfig": "cosim.model.config",
-    "CoSimulation": "cosim.simulation.cosimulation",
     "ConfigError": "cosim.base.arguments",
     "Decision": "cosim.coupling.rl_step",
     "Episode": "cosim.recording.reader",

@@ -12,49 +12,31 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from agent import load, train
+    from agent import Policy, load, train
     from agent.study.user import evaluate, study
-    from agent.training.policy import Policy
     from analysis import open  # noqa: A004 - to be called as minirobots.open
     from cosim import Episode, Scenario, UserError, World, simulate
 
     __version__: str
 
 __all__ = [
-    "Episode",
-    "Policy",
-    "Scenario",
-    "UserError",
-    "World",
-    "__version__",
-    "evaluate",
-    "load",
-    "open",
-    "simulate",
-    "study",
-    "train",
-]
-
+    "Episode", "Policy", "Scenario", "UserError", "World", "__version__",
+    "evaluate", "load", "open", "simulate", "study", "train",
+]  # fmt: skip
 _MODULES = {
-    "Episode": "cosim",
-    "Policy": "agent",
-    "Scenario": "cosim",
-    "UserError": "cosim",
-    "World": "cosim",
-    "evaluate": "agent.study.user",
-    "load": "agent",
-    "open": "analysis",
-    "simulate": "cosim",
-    "study": "agent.study.user",
-    "train": "agent",
+    "agent": ("Policy", "load", "train"),
+    "agent.study.user": ("evaluate", "study"),
+    "analysis": ("open",),
+    "cosim": ("Episode", "Scenario", "UserError", "World", "simulate"),
 }
 
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         return import_module("importlib.metadata").version("minirobots")
-    if name in _MODULES:
-        return getattr(import_module(_MODULES[name]), name)
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(module), name)
     raise AttributeError(f"module 'minirobots' has no attribute '{name}'")
 
 

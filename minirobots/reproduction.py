@@ -15,7 +15,7 @@ from analysis.report.page import write_report
 from analysis.timings import Timings
 from cosim.base.jobs import Workers
 from cosim.base.progress import Progress, silent
-from cosim.model.built_in import PAPER
+from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import EpisodeOptions
 from minirobots.commands import class_of
 
@@ -67,7 +67,7 @@ def command_of(result: Result, results: Path, profile: Profile, seed: int, jobs:
         case "calibrate":
             settings |= {"jobs": jobs}
         case "run":
-            alone = PAPER[result.of].robots == 1
+            alone = find_scenario(result.of).robots == 1
             settings |= {
                 "scenario": result.of,
                 "episodes": profile.single_episodes if alone else profile.pair_episodes,

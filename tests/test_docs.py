@@ -13,7 +13,7 @@ from analysis.motor.loop_options import StepTest
 from analysis.motor.step_test import record
 from analysis.reading.motor_test import read
 from analysis.reading.results import FIGURES
-from cosim.model.built_in import BUILT_IN
+from cosim.model.scenario_file import BUILT_IN
 from minirobots.commands import COMMANDS
 
 ROOT = Path(__file__).parents[1]

@@ -8,8 +8,8 @@ from agent.mdp.readings import build_process
 from agent.training.learning import EPISODES, build_learning, initial_state
 from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig
-from cosim.model.built_in import PAPER
 from cosim.model.params import FIG_7, SPEED_NOISE, TABLE_I, TABLE_II, TIMING
+from cosim.model.scenario_file import PAPER, find_scenario
 from fmus.variables import load_table
 
 TABLE_1 = {
@@ -68,7 +68,7 @@ def edges_cm(scenario, cells) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("name", PAPER)
 def test_section_5_places_robots_on_the_sides_of_the_board(name):
-    scenario = PAPER[name]
+    scenario = find_scenario(name)
     board = scenario.columns, scenario.rows
     assert edges_cm(scenario, [(0, 0), np.subtract(board, 1)])[1] == pytest.approx([30.0, 30.0])
     low, high = edges_cm(scenario, np.reshape(scenario.zone, (2, 2)))
@@ -88,7 +88,7 @@ def test_section_5_places_robots_on_the_sides_of_the_board(name):
 
 def test_curves_are_means_of_the_last_100_episodes():
     """Fig. 8: "of the last 100 episodes"; counted in what the default configuration logs."""
-    process = build_process(PAPER["1a"], ProcessConfig())
+    process = build_process(find_scenario("1a"), ProcessConfig())
     learning = LearningConfig(episodes=3000)
     state = initial_state(process, learning, 0)
     advance(process, build_learning(learning), state, learning.episodes)

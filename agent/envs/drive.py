@@ -11,9 +11,8 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations, starmap
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
@@ -25,9 +24,9 @@ from cosim.base.arguments import ConfigError, numbers, require_one_of, validate_
 from cosim.base.errors import shorten
 from cosim.base.jit import kernel
 from cosim.coupling.signals import MOTORS, Samples
-from cosim.model.config import MAX_VALUE, CoSimConfig, whole_ratio
+from cosim.model.config import CoSimConfig, whole_ratio
 from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
-from cosim.model.params import TIMING
+from cosim.model.params import TIMING, Positive
 from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.onboard.estimation import POSE
 from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
@@ -44,7 +43,6 @@ _LIMIT = 10.0  # bound of an observation
 _DRAWS = 1000  # of poses, before a board counts as too small
 _ROOT = 0.25  # a robot's speed grows with about the fourth power of its motors' speeds
 _END_REWARD = 10.0  # of an arrival, and of a failure with its sign changed; a cm of progress has 1
-_POSITIVE = Annotated[float, msgspec.Meta(gt=0.0, le=MAX_VALUE)]
 _PERIOD_S = TIMING.control_period_s
 _NEW_DITHER = (0.0, 1.0)
 ACTIONS = ("velocity", "motors")
@@ -106,7 +104,7 @@ class DrivePolicy:
         require_one_of("action", action, ACTIONS)
         self._predict, self._velocity = predict, action == "velocity"
         self._context = validate_argument("context", context, bool)
-        self.interval_s = validate_argument("control_interval", control_interval, _POSITIVE)
+        self.interval_s = validate_argument("control_interval", control_interval, Positive)
 
     def drive(self, motion: DriveObservation) -> np.ndarray:
         """Return the set points of motors D and E in rad/s, (N, 2).
@@ -161,8 +159,8 @@ class DriveBoards(DynamicsBoards):
         require_one_of("reward", reward, ("dense", "sparse"))
         require_one_of("observe", observe, ("true", "estimated"))
         self._context = validate_argument("context", context, bool)
-        self._interval_s = validate_argument("control_interval", control_interval, _POSITIVE)
-        self._reach_m = validate_argument("reach", reach, _POSITIVE)
+        self._interval_s = validate_argument("control_interval", control_interval, Positive)
+        self._reach_m = validate_argument("reach", reach, Positive)
         whole_ratio("control_interval", control_interval, "control_period_s", _PERIOD_S)
         refuse_without_effect(physics, "where a learner drives")
         self._estimated = observe == "estimated"

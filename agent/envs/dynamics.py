@@ -83,8 +83,8 @@ class DynamicsBoards(EnvBoards):
                 "or shield, or give a world"
             )
         with progress_bars() as progress:
-            setup = resolve(options, scenario, progress, world=world)
-        self.scenario, self._config, motor_fmu = setup
+            resolved = resolve(options, scenario, progress, world=world)
+        self.scenario, self._config, motor_fmu = resolved
         super().__init__(count, self.scenario, *self._spaces(), shared(self._config))
         self._worlds = None if worlds is None else checked_ranges(worlds, self._config)
         self._batch = Batch(motor_fmu, self._config, self.scenario.robots, count)

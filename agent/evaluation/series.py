@@ -1,30 +1,32 @@
 """A series of episodes of one configuration: seeds, recordings, results."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 from msgspec import to_builtins
 from msgspec.structs import asdict
 
 from agent.mdp.greedy import GreedyPolicy
-from agent.policies import load_policy
+from agent.policies import load_policy, method_name
+from agent.training.loop import TrainingLog
+from agent.training.recording import write_training
 from cosim.base.arguments import ConfigError
-from cosim.base.progress import Progress, silent
-from cosim.base.provenance import digest_of
+from cosim.base.progress import Progress, silent, under_way
+from cosim.base.provenance import digest_of, versions
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
-from cosim.coupling.rl_step import Step
-from cosim.model.config import CoSimConfig
-from cosim.model.scenario import Scenario
+from cosim.coupling.rl_step import Step, sampled_of
 from cosim.recording.episode import EpisodeRecorder
-from cosim.recording.series import Level
+from cosim.simulation.batch import chosen_driver
 from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.options import EpisodeOptions, Setup
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.simulate import draw_episode
-from cosim.simulation.tasks import Task, recorder_of, simulate_tasks
+from cosim.simulation.tasks import Task, compile_kernels, recorder_of, simulate_tasks
+from fmus.build import identity_of_fmu
 
 _SUMMARY = Kind("summary of a run", "choose another --out, or remove it")
 
@@ -66,55 +68,75 @@ class Series:
     """Settings that all episodes of a run share.
 
     Attributes:
-        scenario, config: of every co-simulation.
-        fmu: motor FMU file.
+        setup: of every co-simulation.
         policy: acts, and names the process of the recorded rewards.
         out: output folder; recordings go to `episodes/` in it.
-        facts: what identifies the run; episode k draws from the seed sequence (seed, k).
+        options: seed, driver, what is recorded; episode k draws from the seed sequence (seed, k).
         viewer: address of a running viewer that is sent what is recorded, if any.
-        record: how much of every episode is recorded.
         progress: receives the simulated time of every episode.
-        sampled: indices of the robots with recorded signals, by default `sampled_of`.
     """
 
-    scenario: Scenario
-    fmu: Path
-    config: CoSimConfig
+    setup: Setup
     policy: GreedyPolicy
     out: Path
-    facts: RunFacts
+    options: EpisodeOptions
     viewer: str | None = None
-    record: Level | Literal["none"] = "default"
     progress: Progress = silent
-    sampled: tuple[int, ...] | None = None
 
-    def run(self, episodes: int, threads: int) -> Iterator[EpisodeResult]:
-        """Results of the first episodes, in order, and `summary.json`.
+    @cached_property
+    def facts(self) -> RunFacts:
+        """Identity of the run."""
+        scenario, config, fmu = self.setup
+        seed = self.policy.config.seed
+        return RunFacts(
+            scenario=scenario.name,
+            title=scenario.title,
+            seed=self.options.seed,
+            train_seed=seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
+            driver=chosen_driver(self.options.driver, fmu, config),
+            motor_fmu=fmu.name,
+            motor_fmu_digest=identity_of_fmu(fmu),
+            method=method_name(self.policy),
+            versions=versions(),
+        )
 
-        On an interrupt or an error every running episode ends after its RL step and completes its
-        recording.
+    def run(
+        self, episodes: int, threads: int, log: TrainingLog | None = None
+    ) -> list[EpisodeResult]:
+        """Keep the policy, simulate, and return the results of the first episodes, in order.
+
+        `summary.json` has those that have ended. On an interrupt or an error every running episode
+        ends after its RL step and completes its recording.
+
+        Args:
+            episodes: to simulate.
+            threads: that simulate them.
+            log: of the policy's training, which is recorded.
 
         Raises:
+            ConfigError: the folder has another run's results.
             UserError: of an FMU or a recording.
         """
-        tasks = [self.task(episode) for episode in range(episodes)]
+        self._refuse_other_results()
+        self.policy.save(self.out / "policy.npz")
+        if self.options.record != "none" and log is not None:
+            write_training(self.out / "training.rrd", self.policy, log, asdict(self.facts))
+        tasks = [self._task(episode) for episode in range(episodes)]
+        with under_way(self.progress, "preparing the kernels"):
+            compile_kernels(tasks[0], episodes, threads)
         ended: dict[int, EpisodeResult] = {}
         results: list[EpisodeResult] = []
         for number, result in simulate_tasks(tasks, threads):
             path = self._recording(number).relative_to(self.out)
-            name = None if self.record == "none" else str(path)
+            name = None if self.options.record == "none" else str(path)
             ended[number] = msgspec.structs.replace(result, recording=name)
             while len(results) in ended:
                 results.append(ended[len(results)])
                 write_json(self.out / "summary.json", self._summary(results))
-                yield results[-1]
+        return results
 
-    def refuse_other_results(self) -> None:
-        """Refuse a folder with another run's results; those of this one are written again.
-
-        Raises:
-            ConfigError: there is another run; the message says how it differs.
-        """
+    def _refuse_other_results(self) -> None:
+        """Refuse a folder with another run's results; those of this one are written again."""
         path = self.out / "summary.json"
         if not path.exists():
             return
@@ -131,41 +153,43 @@ class Series:
         return self.out / "episodes" / f"ep_{episode:03d}.rrd"
 
     def _summary(self, results: list[EpisodeResult]) -> RunSummary:
-        parameters = {name: row["value"] for name, row in self.config.table().items()}
+        parameters = {name: row["value"] for name, row in self.setup.config.table().items()}
         return RunSummary(**asdict(self.facts), parameters=parameters, episodes=tuple(results))
 
-    def task(self, number: int) -> Task:
+    def _task(self, number: int) -> Task:
         """An episode of the series."""
-        starts, noise_seed = draw_episode(self.scenario, self.facts.seed, number)
+        scenario, config, fmu = self.setup
+        record = self.options.record
+        starts, noise_seed = draw_episode(scenario, self.options.seed, number)
 
         def watch(step: Step, episode: RunningEpisode, wall_s: float) -> None:
             factor = episode.time_s / wall_s
             state = f"{episode.time_s:.0f} s, {factor:.1f} × real time {step.outcome}"
-            total = episode.time_s if step.outcome else self.config.timing.episode_limit_s
+            total = episode.time_s if step.outcome else config.timing.episode_limit_s
             self.progress(f"episode {number}", episode.time_s, total, state)
 
         def recorder(episode: RunningEpisode) -> EpisodeRecorder:
-            assert self.record != "none"
+            assert record != "none"
             return recorder_of(
                 episode,
                 self._recording(number),
                 task.recording_id,
                 asdict(self.facts) | {"episode": number, "starts": starts},
-                level=self.record,
+                level=record,
                 viewer=self.viewer,
                 policies=self.policy.maps(),
             )
 
         task = Task(
-            self.scenario,
-            self.fmu,
-            self.config,
+            scenario,
+            fmu,
+            config,
             self.policy,
             starts,
             noise_seed,
-            None if self.record == "none" else recorder,
+            None if record == "none" else recorder,
             watch,
             self.facts.driver,
-            self.sampled,
+            sampled_of(scenario.robots, self.options.signals),
         )
         return task

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 
 from agent.mdp.config import Feature, ProcessConfig
 from agent.training.settings import Algorithm, LearningConfig
-from cosim.model.built_in import IN_GROUPS, PAPER, RESTRICTED
+from cosim.model.scenario_file import IN_GROUPS, PAPER, RESTRICTED
 
 Name = Literal["fig08", "fig10", "fig11", "features", "readings", "zone", "factorial", "sequel"]
 

@@ -41,9 +41,8 @@ from cosim.base.storage import replacing
 from cosim.base.table import field, write_report
 from cosim.base.table import markdown as table_text
 from cosim.base.table import show as show_table
-from cosim.model.built_in import PAPER
 from cosim.model.params import TABLE_I
-from cosim.model.scenario_file import find_scenario
+from cosim.model.scenario_file import PAPER, find_scenario
 from cosim.model.world import World
 from cosim.simulation.options import SimulationOptions
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from analysis.figures.style import WIDTH_IN, Caption, Drawing
 from analysis.reading.results import FIGURES, RESULTS
 from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
-from cosim.machine.platform.result import Motion, PlatformResult
+from cosim.machine.platform.motion import Motion, PlatformResult
 
 _QUARTERS = (0, 90, 180, 270, 360)
 TITLES = {"paper": "resembling the printed Fig. 3", "table_ii": "Tables I and II"}

@@ -10,8 +10,8 @@ from matplotlib.patches import Rectangle
 
 from analysis.figures.style import WIDTH_IN, Caption, Drawing
 from cosim.base.plotting import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
-from cosim.model.built_in import AMONG_OBSTACLES, IN_GROUPS, PAPER
 from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import AMONG_OBSTACLES, IN_GROUPS, PAPER, find_scenario
 
 ROBOT_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 
@@ -88,13 +88,13 @@ def caption(scenarios: list[Scenario]) -> Caption:
 
 def make(results: Path) -> Drawing:
     """Draw the paper's scenarios; no result is needed."""
-    scenarios = list(PAPER.values())
+    scenarios = [find_scenario(name) for name in PAPER]
     return Drawing(draw(scenarios), caption(scenarios))
 
 
 def among_obstacles(results: Path) -> Drawing:
     """Draw the built-in scenarios with obstacles; no result is needed."""
-    scenarios = list(AMONG_OBSTACLES.values())
+    scenarios = [find_scenario(name) for name in AMONG_OBSTACLES]
     closed = {s.name: len(s.obstacles) for s in scenarios}
     ours = tuple(f"{s.name}: {s.title}, obstacles on {closed[s.name]} cells." for s in scenarios)
     title = "Scenarios with obstacles (dark), start cells (light), targets (full colour)"
@@ -103,7 +103,7 @@ def among_obstacles(results: Path) -> Drawing:
 
 def in_groups(results: Path) -> Drawing:
     """Draw the built-in scenarios of four and six robots; no result is needed."""
-    scenarios = list(IN_GROUPS.values())
+    scenarios = [find_scenario(name) for name in IN_GROUPS]
     combinations = {s.name: math.prod(map(len, s.starts)) for s in scenarios}
     ours = tuple(
         f"{s.name}: {s.title}, {combinations[s.name]:,} combinations of starts." for s in scenarios

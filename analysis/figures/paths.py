@@ -15,8 +15,8 @@ from analysis.reading.inspection import path_length_m
 from analysis.reading.results import DRIVEN_BY, FIGURES, RESULTS, episodes_of, recordings
 from cosim.base.errors import UserError
 from cosim.base.plotting import BLACK, VERMILION
-from cosim.model.built_in import PAPER
 from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
 from cosim.recording.reader import read_episode
 
 SINGLE, PAIRS = ("1a", "1b"), ("2", "3", "4")
@@ -73,7 +73,7 @@ def fig09(results: Path) -> Drawing:
         len(DRIVEN_BY), len(SINGLE), figsize=(WIDTH_IN, 7.6), sharex=True, squeeze=False
     )
     for axes, ((name, method), found) in zip(grid.flat, tracks.items(), strict=True):
-        _draw_tracks(axes, PAPER[name], found)
+        _draw_tracks(axes, find_scenario(name), found)
         reached = sum(track.outcome == "success" for track in found)
         axes.set_title(f"{name}, {method}: {reached} of {len(found)} reached", loc="left")
         axes.set_xlabel("x in cm" if axes in grid[-1] else "")
@@ -132,7 +132,7 @@ def _draw_pairs(tracks: Tracks) -> Figure:
         height_ratios=[*(3 for _ in DRIVEN_BY), 2],
     )  # fmt: skip
     for axes, ((name, method), found) in zip(grid.flat, tracks.items(), strict=False):
-        _draw_tracks(axes, PAPER[name], found[:1])
+        _draw_tracks(axes, find_scenario(name), found[:1])
         axes.set_title(f"{name}, {method}: {found[0].outcome.replace('_', ' ')}", loc="left")
         axes.set_xlabel("")
         distance = grid[-1, PAIRS.index(name)]
@@ -141,7 +141,7 @@ def _draw_pairs(tracks: Tracks) -> Figure:
             apart_cm = 100.0 * np.linalg.norm(first - second, axis=1)
             distance.plot(track.times_s, apart_cm, STYLES[method], color=BLACK, linewidth=0.8)
     for name, axes in zip(PAIRS, grid[-1], strict=True):
-        contact_cm = 100.0 * PAPER[name].diameter_m
+        contact_cm = 100.0 * find_scenario(name).diameter_m
         axes.axhline(contact_cm, color=VERMILION, linewidth=0.8)
         axes.set(xlabel="time in s", ylim=(0.0, None))
     for axes in grid[:-1, 0]:

@@ -2,9 +2,10 @@
 
 import contextlib
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
 from fmpy.fmi1 import FMICallException
 from fmpy.simulation import instantiate_fmu
 
@@ -22,12 +23,7 @@ def running(
 ) -> Iterator[tuple[Any, dict[str, int]]]:
     """An instance in step mode at t = 0: fmpy's, and value references by variable name.
 
-    Args:
-        motor: the FMU.
-        start: values by variable name: bool for Boolean, int for Enumeration, float for Float64.
-
-    Raises:
-        FmuError: the FMU lacks a variable, or refuses a call.
+    Start values are bool for Boolean, int for Enumeration, float for Float64.
     """
     reference = {name: variable.valueReference for name, variable in motor.variables.items()}
     if lacking := start.keys() - reference.keys():
@@ -49,12 +45,33 @@ def running(
         fmu.freeInstance()
 
 
-def require_parameters(motor: MotorFmu, names: Iterable[str]) -> None:
-    """Refuse names that are not those of Float64 parameters of an FMU.
+def responses(
+    motor: MotorFmu,
+    start: Mapping[str, float | bool],
+    outputs: Sequence[str],
+    count: int,
+    step_s: float,
+    inputs: Mapping[str, np.ndarray] = {},
+) -> np.ndarray:
+    """Outputs (count + 1, n) before each of `count` steps and after the last.
 
-    Raises:
-        ConfigError: it names the first of them and all parameters.
+    Inputs are set before outputs are read and steps are made, as far as there are values of them.
     """
+    rows = np.empty((count + 1, len(outputs)))
+    with running(motor, start) as (fmu, reference):
+        wanted = [reference[name] for name in outputs]
+        for k in range(count + 1):
+            for name, values in inputs.items():
+                if k < len(values):
+                    fmu.setFloat64([reference[name]], [values[k]])
+            rows[k] = fmu.getFloat64(wanted)
+            if k < count:
+                fmu.doStep(k * step_s, step_s)
+    return rows
+
+
+def require_parameters(motor: MotorFmu, names: Iterable[str]) -> None:
+    """Refuse names that are not those of Float64 parameters of an FMU."""
     known = [
         name
         for name, variable in motor.variables.items()
@@ -65,12 +82,9 @@ def require_parameters(motor: MotorFmu, names: Iterable[str]) -> None:
 
 
 class GivenMotor(NamedTuple):
-    """A motor FMU with values that it is given.
+    """A motor FMU with values that it is given before the start, and all its parameters then.
 
-    Attributes:
-        fmu: the FMU.
-        given: values that are set before the start, by name.
-        params: parameters that the FMU then has; 0 for those that it does not expose.
+    Parameters that it does not expose are 0.
     """
 
     fmu: MotorFmu
@@ -79,12 +93,7 @@ class GivenMotor(NamedTuple):
 
     @classmethod
     def of(cls, fmu: MotorFmu, given: Mapping[str, float]) -> "GivenMotor":
-        """Read the parameters; those of the speed loop are known and valid.
-
-        Raises:
-            FmuError: the FMU does not expose one of the loop's parameters.
-            ConfigError: a value is invalid, or `given` names no parameter.
-        """
+        """Read the parameters; those of the speed loop are known and valid."""
         require_parameters(fmu, given)
         found = fmu.read(MotorParams._fields, given)
         if lacking := [name for name in _NEEDED if name not in found]:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import control
 import numpy as np
 
-from analysis.motor.instance import GivenMotor, running
+from analysis.motor.instance import GivenMotor, responses
 from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent
 from cosim.coupling.fmu import MotorFmu
@@ -35,13 +35,7 @@ SHARE_OF_SPEED = 0.8  # of what the motor can reach, for a step response
 
 
 class Loop(NamedTuple):
-    """Transfer functions of the speed loop, rad/s and V.
-
-    Attributes:
-        plant: from voltage to speed.
-        open: controller and plant in series.
-        closed: from set point to speed.
-    """
+    """Transfer functions in rad/s and V: motor, motor and controller in series, closed loop."""
 
     plant: Any
     open: Any
@@ -62,11 +56,11 @@ class LoopMerit(NamedTuple):
 
     Attributes:
         poles_rad_s: of the closed loop, slowest first.
-        bandwidth_rad_s: of the closed loop, -3 dB of its gain at rest.
-        open_bandwidth_rad_s: of the motor alone.
+        bandwidth_rad_s, open_bandwidth_rad_s: of the closed loop, -3 dB of its gain at rest, and of
+            the motor alone.
         gain_margin: factor; infinite for a plant of first order.
-        phase_margin_deg: at the gain crossover; infinite where there is none.
-        crossover_rad_s: gain crossover; NaN where there is none.
+        phase_margin_deg, crossover_rad_s: at the gain crossover; infinite and NaN where there is
+            none.
         delayed_phase_margin_deg: with a delay of one control period, as of a controller in
             firmware.
     """
@@ -100,11 +94,7 @@ def figures_of_merit(loop: Loop) -> LoopMerit:
 
 
 def step_speed(motor: MotorParams, omega_des: float | None) -> float:
-    """Return the set point of a step: the one given, or Fig. 7's as far as the motor reaches it.
-
-    Raises:
-        ConfigError: the motor cannot reach it at its largest voltage.
-    """
+    """Return the set point of a step: the one given, or Fig. 7's as far as the motor reaches it."""
     most = motor_gain(motor) * (motor.V_s_max - motor.c * motor.R / motor.K_T)
     if not most > 0.0:
         raise ConfigError(
@@ -120,15 +110,12 @@ def step_speed(motor: MotorParams, omega_des: float | None) -> float:
 
 
 def propose(motor: MotorParams, omega_des: float) -> tuple[MotorParams, str]:
-    """Return a motor with proposed gains, and what limits them: "voltage" or "phase margin".
+    """Return a motor with gains for a step to a speed, and what limits them.
 
     The controller's zero cancels the motor's pole, K_i = K_p/τ: the loop is then of first order,
     without overshoot. K_p is as large as two limits allow. A step from rest to the set point asks
-    for no more than the voltage limit, and a delay of one control period leaves the phase margin.
-
-    Args:
-        motor: its parameters.
-        omega_des: set point of the step in rad/s.
+    for no more than the "voltage" limit, and a delay of one control period leaves the "phase
+    margin".
     """
     tau = motor_time_constant(motor)
     crossover = math.radians(90.0 - PHASE_MARGIN_DEG) / TIMING.control_period_s
@@ -154,9 +141,6 @@ def measured_response(
     Without Coulomb friction and weight, each frequency (n,) on its own: a sine of the set point,
     held between communication points, and a least-squares fit of a sine to the speed, next to what
     is left of the poles' answer to the start.
-
-    Raises:
-        FmuError: the FMU cannot be used.
     """
     linear = {"c": 0.0, "m": 0.0, "solver": RK4}
     start = {**motor.given, **{k: v for k, v in linear.items() if k in motor.fmu.variables}}
@@ -182,12 +166,8 @@ def _measure(
     count = settling + PERIODS * samples
     # Half a step early: a held value acts on average half a step late.
     set_point = amplitude * np.sin(frequency * step_s * (np.arange(count) + 0.5))
-    speed = np.empty(count)
-    with running(motor, start) as (fmu, reference):
-        for tick in range(count):
-            fmu.setFloat64([reference["omega_des"]], [set_point[tick]])
-            fmu.doStep(tick * step_s, step_s)
-            (speed[tick],) = fmu.getFloat64([reference["omega"]])
+    inputs = {"omega_des": set_point}
+    speed = responses(motor, start, ["omega"], count, step_s, inputs)[1:, 0]
     time_s = step_s * np.arange(1, PERIODS * samples + 1)  # since the end of settling
     angle = frequency * (settling * step_s + time_s)
     modes = [np.exp(pole * time_s) for pole in merit.poles_rad_s]

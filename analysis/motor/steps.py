@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.figures.style import WIDTH_IN
-from analysis.motor.instance import GivenMotor, running
+from analysis.motor.instance import GivenMotor, responses, running
 from analysis.motor.speed_loop import Loop, figures_of_merit, speed_loop
 from analysis.reading.motor_test import Rise, rise
 from cosim.base.plotting import BLACK, BLUE, GREEN, GREY, VERMILION
@@ -28,12 +28,10 @@ class StepResponse(NamedTuple):
     """A step response from rest.
 
     Attributes:
-        K_p: proportional gain in V s/rad.
-        K_i: integral gain in V/rad.
+        K_p, K_i: gains in V s/rad and V/rad.
         anti_windup: whether it is the FMU's own loop, else Eq. (14) without anti-windup.
         rise: of the speed.
-        omega: (n,) speed in rad/s, every ms.
-        voltage: (n,) at the motor in V.
+        omega, voltage: (n,) speed in rad/s and voltage at the motor in V, every ms.
     """
 
     K_p: float
@@ -52,21 +50,12 @@ class StepResponse(NamedTuple):
 def compare_gains(
     motor: GivenMotor, proposed: MotorParams, omega_des: float, progress: Progress = silent
 ) -> list[StepResponse]:
-    """Step the motor to a set point with several gains.
-
-    Args:
-        motor: with its own gains.
-        proposed: the same with other gains.
-        omega_des: set point in rad/s.
-        progress: receives every response.
+    """Step the motor to a set point in rad/s with several gains.
 
     Returns:
         Responses with the motor's own gains, those proposed, twice its integral gain, the one with
         a zero that cancels the motor's pole, and last its own gains without anti-windup. Gains that
         agree are there once.
-
-    Raises:
-        FmuError: the FMU cannot be used.
     """
     own, tau = motor.params, motor_time_constant(motor.params)
     pairs = [(own.K_p, own.K_i), (proposed.K_p, proposed.K_i)]
@@ -90,15 +79,8 @@ def closed_loop(motor: GivenMotor, omega_des: float, count: int) -> np.ndarray:
 
     The gains are those of the motor's parameters.
     """
-    rows = np.zeros((count + 1, 2))
-    gains = {"K_p": motor.params.K_p, "K_i": motor.params.K_i}
-    with running(motor.fmu, {**motor.given, **gains, "omega_des": omega_des}) as (fmu, reference):
-        wanted = [reference["omega"], reference["V_s"]]
-        for k in range(count + 1):
-            rows[k] = fmu.getFloat64(wanted)
-            if k < count:
-                fmu.doStep(k * SAMPLE_S, SAMPLE_S)
-    return rows
+    gains = {"K_p": motor.params.K_p, "K_i": motor.params.K_i, "omega_des": omega_des}
+    return responses(motor.fmu, {**motor.given, **gains}, ("omega", "V_s"), count, SAMPLE_S)
 
 
 def printed_loop(
@@ -138,10 +120,8 @@ def draw(
     """Bode plots of the open and the closed loop, and step responses.
 
     Args:
-        motor: parameters of the FMU.
-        proposed: the same with the proposed gains.
-        frequencies_rad_s: (n,) at which the FMU was measured.
-        measured: (n,) its closed loop's response.
+        motor, proposed: parameters of the FMU, and the same with the proposed gains.
+        frequencies_rad_s, measured: (n,) the closed loop's response of the FMU.
         steps: of `compare_gains`.
         omega_des: their set point in rad/s.
     """

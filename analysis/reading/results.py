@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_json
-from cosim.model.built_in import PAPER
+from cosim.model.scenario_file import PAPER, find_scenario
 
 if TYPE_CHECKING:
     from agent.experiments.results import ExperimentResult
@@ -77,7 +77,7 @@ def episodes_of(scenario: str, method: str) -> str:
 
 
 def _episodes(scenario: str, method: str) -> Result:
-    folder, alone = f"episodes/{scenario}-{method}", PAPER[scenario].robots == 1
+    folder, alone = f"episodes/{scenario}-{method}", find_scenario(scenario).robots == 1
     title = f"scenario {scenario} co-simulated, method {method} (Fig. {9 if alone else 12})"
     count = str(SINGLE_EPISODES if alone else PAIR_EPISODES)
     arguments = ("--scenario", scenario, "--method", method, "--episodes", count, "--jobs", "2")

@@ -30,10 +30,10 @@ from cosim.base.errors import FileError, UserError
 from cosim.base.provenance import versions
 from cosim.base.storage import replacing, write_whole
 from cosim.base.table import field
-from cosim.model.built_in import PAPER
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import ENDS
 from cosim.model.params import SPEED_NOISE, TABLE_I, TIMING
+from cosim.model.scenario_file import PAPER, find_scenario
 
 PAGE = "index.html"
 
@@ -232,7 +232,7 @@ def not_drawn(figures: Path, results: Path, timings: TimingsFile | None) -> dict
 
 def _facts() -> dict[str, str]:
     """Numbers in the text and the diagram."""
-    scenario = PAPER["2"]
+    scenario = find_scenario("2")
     numbers = {
         "diameter_cm": 100.0 * TABLE_I.diameter_m,
         "board_cm": 100.0 * scenario.columns * scenario.cell_m,

@@ -1,12 +1,16 @@
 """Arguments of the Python API, converted to the types that records declare, or refused by name."""
 
-from collections.abc import Collection, Iterable, Mapping
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from difflib import get_close_matches
 from functools import cache
 from pathlib import Path, PurePath
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from cosim.base.errors import UserError, shorten
 
@@ -18,36 +22,84 @@ class ConfigError(UserError, ValueError):
 
 
 def validate_argument(name: str, value: Any, kind: Any) -> Any:
-    """Return an argument as the type that it must have.
+    """Return an argument as the type that it must have; all input is validated here.
 
     NumPy scalars and arrays become numbers and lists, lists become tuples, strings paths, and dicts
     records; a string becomes a tuple of one string, and a dict one of pairs where one is expected.
 
     Args:
-        name: of the argument, for messages.
+        name: of the argument, for messages; empty for what a file holds.
         value: as given.
         kind: type, as msgspec takes it, or with paths.
 
     Raises:
-        ConfigError: it names the argument, its value and what is expected.
+        ConfigError: it names the argument or the part of it, its value and what is expected.
     """
-    plain = to_plain(name, value)
-    if isinstance(plain, PurePath) and kind is str:
+    plain, kinds = to_plain(name, value), _alternatives([kind])
+    if isinstance(plain, PurePath) and kinds == [str]:
         plain = str(plain)
-    bare = get_args(kind)[0] if get_origin(kind) is Annotated else kind
-    if get_origin(bare) is tuple and isinstance(plain, str | dict):
+    if [get_origin(k) for k in kinds] == [tuple] and isinstance(plain, str | dict):
         plain = (plain,) if isinstance(plain, str) else list(plain.items())
     try:
         return msgspec.convert(plain, kind, dec_hook=_path)
     except msgspec.ValidationError as problem:
         if isinstance(problem.__cause__, UserError):  # of a record's own validation
             raise problem.__cause__ from None
-        if known := _choices(kind):
-            raise ConfigError(unknown(name, value, known)) from None
-        reason = str(problem).replace("`", "").replace("null", "None")
-        raise ConfigError(
-            f"{name} = {shorten(value)} is invalid: {reason[0].lower()}{reason[1:]}"
-        ) from None
+        raise ConfigError(_fault(name, plain, kind, str(problem))) from None
+
+
+def _fault(name: str, value: Any, kind: Any, problem: str) -> str:
+    """Return the message for what msgspec says, such as "Expected `int` - at `$.sensor[0]`"."""
+    reason, _, path = problem.partition(" - at ")
+    kinds = [kind]
+    for field, index in re.findall(r"\.(\w+)|\[(\d+)\]", path):
+        records = [k for k in _alternatives(kinds) if hasattr(k, "_fields")]  # named tuples
+        key = records[0]._fields[int(index)] if index and records else field
+        kinds = [part for k in _alternatives(kinds) for part in _inside(k, key)]
+        name += f".{key}" if key else f"[{index}]"
+        value = value[int(index) if index else field]
+    name = name.removeprefix(".")
+    if "unknown field" in reason:
+        fields = [n for k in _alternatives(kinds) for n in getattr(k, "__struct_fields__", ())]
+        return unknown(f"{name}.{reason.split('`')[-2]}".removeprefix("."), None, fields)
+    if known := next(filter(None, map(_choices, kinds)), ()):
+        return unknown(name, value, known)
+    reason = reason.replace("`object`", "table").replace("`", "").replace("null", "None")
+    ranges = [m for m in _annotations(kinds) if isinstance(m, Meta)]
+    limits = [
+        f"; give {m.ge:g} to {m.le:g}"
+        for m in ranges
+        if m.ge is not None and m.le is not None and m.le < MAX_SEED - 1
+    ]
+    reason = f"{reason[0].lower()}{reason[1:]}{''.join(limits)}"
+    return f"{name} = {shorten(value)} is invalid: {reason}" if name else reason
+
+
+def _alternatives(kinds: Iterable[Any]) -> list[Any]:
+    """Return the types that some types may stand for, without what annotates them."""
+    found = []
+    for kind in kinds:
+        if get_origin(kind) is Annotated:
+            found += _alternatives(get_args(kind)[:1])
+        else:
+            union = get_origin(kind) in {Union, UnionType}
+            found += _alternatives(get_args(kind)) if union else [kind]
+    return found
+
+
+def _annotations(kinds: Iterable[Any]) -> Iterator[Any]:
+    """Yield what annotates types, and those that are joined in a union."""
+    for kind in kinds:
+        yield from getattr(kind, "__metadata__", ())
+        if get_origin(kind) in {Annotated, Union, UnionType}:
+            yield from _annotations(get_args(kind))
+
+
+def _inside(kind: Any, key: str) -> tuple[Any, ...]:
+    """Return the types of a field of a record, or of the items of a sequence."""
+    if key:
+        return (_hints(kind)[key],) if isinstance(kind, type) and key in _hints(kind) else ()
+    return tuple(part for part in get_args(kind) if part is not Ellipsis)[:1]
 
 
 def validate_seed(seed: Any) -> int:
@@ -58,13 +110,20 @@ def validate_seed(seed: Any) -> int:
     return seed
 
 
-def validate_fields(record: Any, but: Collection[str] = ()) -> None:
+def validate_fields(record: Any, where: str = "", but: Collection[str] = ()) -> None:
     """Convert the fields of a frozen record in place, all but some; see `validate_argument`."""
     struct = isinstance(record, msgspec.Struct)
     put = msgspec.structs.force_setattr if struct else object.__setattr__
     for name, kind in _hints(type(record)).items():
         if name not in but:
-            put(record, name, validate_argument(name, getattr(record, name), kind))
+            put(record, name, validate_argument(where + name, getattr(record, name), kind))
+
+
+def require_names(where: str, names: Iterable[str], known: Collection[str]) -> None:
+    """Refuse names of fields or options that are not among the known ones."""
+    for name in names:
+        if name not in known:
+            raise ConfigError(unknown(where + name, None, known))
 
 
 def require_one_of(name: str, value: str, known: Collection[str]) -> None:
@@ -84,8 +143,11 @@ def validate_unique(name: str, pairs: Iterable[tuple[str, float]]) -> dict[str, 
 
 
 def unknown(name: str, value: Any, known: Collection[str]) -> str:
-    """Return the message that refuses a value which is not among the known ones."""
-    return f"{name} = {shorten(value)} is unknown; choose one of {', '.join(known)}"
+    """Return the message that refuses a value, or for None a name, that is none of the known."""
+    wrong = name.rpartition(".")[2] if value is None else str(value)
+    near = [f" (did you mean {like}?)" for like in get_close_matches(wrong, known, 1)]
+    name = name if value is None else f"{name} = {shorten(value)}"
+    return f"{name} is unknown; choose one of {', '.join(known)}{''.join(near)}"
 
 
 @cache

@@ -5,10 +5,10 @@ else. What a task does is the caller's.
 """
 
 import contextlib
-import io
 import itertools
 import multiprocessing
 import os
+import pickle
 import re
 import socket
 import sys
@@ -20,13 +20,12 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from cosim.base.errors import UserError, installing
 from cosim.base.jobs import Backend, Workers, always
-from cosim.base.provenance import NotingPickler
 
 ATTEMPTS = 4  # of a task after its worker died; a task that kills every worker must end
-
 CONNECT_TIMEOUT_S = 10.0  # to a cluster's head
 # Protocols of addresses; one without a protocol is of the first.
 _SCHEMES = {"dask": ("tcp", "tls", "ws", "wss"), "ray": ("ray",)}
+Deaths = tuple[type[BaseException], ...]
 
 
 def sweep(
@@ -50,21 +49,15 @@ def sweep(
         UserError: the backend is not installed or cannot be reached, or workers keep dying.
     """
     jobs, backend, address = where.jobs, where.backend, where.address
-    if address is not None and address != "auto":
-        _require_listener(backend, address)
     remaining = dict(enumerate(tasks))
     if jobs == 1 and backend in {"loky", "threads"}:
         yield from ((k, function(task)) for k, task in remaining.items() if may_begin())
         return
-    with contextlib.ExitStack() as stack:
-        deaths: tuple[type[BaseException], ...] = (BrokenProcessPool,)
-        if backend == "ray":
-            deaths = stack.enter_context(_ray(jobs, address))
-        elif backend == "dask":
-            needed = _modules(function, tasks) if address else []
-            deaths = stack.enter_context(_dask(jobs, address, needed))
-        name = "threading" if backend == "threads" else backend
-        stack.enter_context(joblib.parallel_config(name))
+    if address is not None and address != "auto":
+        _require_listener(backend, address)
+    connect = {"dask": _dask, "ray": _ray}.get(backend, _local)
+    name = "threading" if backend == "threads" else backend
+    with connect(where, (function, tasks)) as deaths, joblib.parallel_config(name):
         for _ in range(ATTEMPTS):
             calls = (
                 joblib.delayed(_numbered)(function, *item)
@@ -96,17 +89,11 @@ def _require_listener(backend: Backend, address: str) -> None:
         place = found[2].strip("[]"), int(found[3])
         socket.create_connection(place, CONNECT_TIMEOUT_S).close()
     except (OSError, OverflowError, UnicodeError) as error:
-        raise UserError(
-            f"no {backend.title()} cluster answers at {address}; check the address"
-        ) from error
+        raise _unanswered(backend, address) from error
 
 
-def _modules(*objects: Any) -> list[str]:
-    """Return the names of modules that another process needs to read objects."""
-    pickler = NotingPickler(io.BytesIO())
-    with contextlib.suppress(Exception):  # what pickle cannot write, a backend may send by value
-        pickler.dump(objects)
-    return sorted(pickler.modules - {"__main__", "builtins"})
+def _unanswered(backend: Backend, address: str | None) -> UserError:
+    return UserError(f"no {backend.title()} cluster answers at {address}; check the address")
 
 
 def _results(backend: Backend, jobs: int, calls: Iterator[Any]) -> Iterator[Any]:
@@ -116,9 +103,8 @@ def _results(backend: Backend, jobs: int, calls: Iterator[Any]) -> Iterator[Any]
     # Ray's backend cannot hand out results one by one: a wave of one task per worker at a time,
     # so that a death costs one wave
     with joblib.Parallel(n_jobs=jobs) as parallel:
-        wave = joblib.effective_n_jobs(jobs)
-        while some := list(itertools.islice(calls, wave)):
-            yield from parallel(some)
+        while wave := list(itertools.islice(calls, joblib.effective_n_jobs(jobs))):
+            yield from parallel(wave)
 
 
 def _numbered(function: Callable[[Any], Any], index: int, task: Any) -> tuple[int, Any]:
@@ -126,7 +112,12 @@ def _numbered(function: Callable[[Any], Any], index: int, task: Any) -> tuple[in
 
 
 @contextlib.contextmanager
-def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], ...]]:
+def _local(where: Workers, work: Any) -> Iterator[Deaths]:
+    yield (BrokenProcessPool,)
+
+
+@contextlib.contextmanager
+def _ray(where: Workers, work: Any) -> Iterator[Deaths]:
     # workers have the project installed, as docs/studies.md asks: below `uv run` Ray would pack it
     # and make another environment for every worker
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
@@ -136,15 +127,12 @@ def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], 
         from ray.util.joblib import register_ray  # noqa: PLC0415
     except ImportError as error:
         raise UserError(f"ray is not installed; run `{installing('ray')}`") from error
+    # "local": never a cluster that happens to run on this machine
+    own = {"num_cpus": joblib.effective_n_jobs(where.jobs), "include_dashboard": False}
     try:
-        if address is None:
-            cores = joblib.cpu_count() if jobs < 0 else jobs
-            # "local": never a cluster that happens to run on this machine
-            ray.init("local", num_cpus=cores, include_dashboard=False, log_to_driver=False)
-        else:
-            ray.init(address=address, log_to_driver=False)
+        ray.init(where.address or "local", log_to_driver=False, **({} if where.address else own))
     except ConnectionError as error:
-        raise UserError(f"no Ray cluster answers at {address}; check the address") from error
+        raise _unanswered("ray", where.address) from error
     register_ray()
     try:
         yield (RayActorError, WorkerCrashedError)
@@ -153,60 +141,57 @@ def _ray(jobs: int, address: str | None) -> Iterator[tuple[type[BaseException], 
 
 
 @contextlib.contextmanager
-def _dask(
-    jobs: int, address: str | None, needed: list[str]
-) -> Iterator[tuple[type[BaseException], ...]]:
+def _dask(where: Workers, work: Any) -> Iterator[Deaths]:
     try:
-        import distributed  # noqa: PLC0415 - optional
+        from distributed import Client  # noqa: PLC0415 - optional
         from distributed.scheduler import KilledWorker  # noqa: PLC0415
     except ImportError as error:
         raise UserError(f"dask is not installed; run `{installing('dask')}`") from error
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         sys.exit(1)  # a worker that runs the user's script again, which started it
+    own = {"n_workers": joblib.effective_n_jobs(where.jobs), "threads_per_worker": 1}
     try:
-        if address is None:
-            cores = joblib.cpu_count() if jobs < 0 else jobs
-            client = distributed.Client(
-                n_workers=cores, threads_per_worker=1, dashboard_address=None
-            )
-        else:
-            client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S)
+        client = (
+            Client(where.address, timeout=CONNECT_TIMEOUT_S)
+            if where.address
+            else Client(**own, dashboard_address=None)
+        )
     except OSError as error:
-        raise UserError(f"no Dask cluster answers at {address}; check the address") from error
+        raise _unanswered("dask", where.address) from error
     except RuntimeError as error:
         raise UserError(
             f"Dask cannot start workers ({error}); in a script, make the call below "
             'if __name__ == "__main__":'
         ) from error
     with client:
-        if address is not None:
-            _require_workers(client, needed)
+        if where.address is not None:
+            _require_workers(client, work)
         yield (KilledWorker,)
 
 
-def _require_workers(client: Any, names: list[str]) -> None:
-    """Refuse a Dask cluster without workers, or without modules: it would never end."""
+def _require_workers(client: Any, work: Any) -> None:
+    """Refuse a Dask cluster without workers, or that cannot import the work: it would never end."""
+    content = b"N."  # None, in place of what only Dask can pickle
+    with contextlib.suppress(Exception):
+        content = pickle.dumps(work)
 
-    def missing() -> list[str]:  # sent by value, as it is of no module's names
-        import importlib  # noqa: PLC0415
+    def missing() -> str | None:  # sent by value, as it is of no module's names
+        import pickle  # noqa: PLC0415
 
-        def lacks(name: str) -> bool:
-            try:
-                importlib.import_module(name)
-            except ImportError:
-                return True
-            return False
-
-        return [name for name in names if lacks(name)]
+        try:
+            pickle.loads(content)
+        except ImportError as error:
+            return error.name
+        return None
 
     try:
         client.wait_for_workers(1, CONNECT_TIMEOUT_S)
     except TimeoutError as error:
         raise UserError("the Dask cluster has no workers; start some") from error
     places = client.run(missing) | {"scheduler": client.run_on_scheduler(missing)}
-    for place, lacking in places.items():
-        if lacking:
+    for place, name in places.items():
+        if name is not None:
             raise UserError(
-                f"the cluster's {place} cannot import {lacking[0]}; install it on every machine, "
+                f"the cluster's {place} cannot import {name}; install it on every machine, "
                 "or add its folder to PYTHONPATH there"
             )

@@ -57,16 +57,7 @@ Where = Annotated[Workers, tyro.conf.OmitArgPrefixes]  # as an option
 THREADS, PROCESSES = Workers(), Workers(backend="loky")
 
 
-class KeyedJob(Protocol):
-    """Something to compute: a frozen, picklable record."""
-
-    @property
-    def key(self) -> tuple[str, Hashable]:
-        """Digest of what decides the rows, and which of them it is; equal for equal jobs."""
-        ...
-
-
-SomeJob = TypeVar("SomeJob", bound=KeyedJob)
+SomeJob = TypeVar("SomeJob", bound=Any)  # a frozen, picklable record with the attribute `key`
 Row = TypeVar("Row")
 
 
@@ -127,10 +118,8 @@ def run(
 ) -> Iterator[tuple[SomeJob, Row]]:
     """Compute the jobs without rows, and keep each row at once.
 
-    A worker that dies costs its group only, which is computed again.
-
     Args:
-        jobs: wanted, the most important ones first; equal ones are computed once.
+        jobs: wanted, the most important ones first; those of one `key` are computed once.
         store: of their rows.
         kind: how they are computed.
         where: backend and number of workers.
@@ -159,11 +148,11 @@ def run(
     for count, (job, row) in enumerate(ended, 1):
         store.keep(missing[job.key], row)
         yield missing[job.key], row
-        said = f"{count}/{total}"
+        state = f"{count}/{total}"
         if kind.succeeded is not None:
             successes += kind.succeeded(row)
-            said += f"  success {successes / count:.1%}"
-        progress(task, count, total, said)
+            state += f"  success {successes / count:.1%}"
+        progress(task, count, total, state)
 
 
 def _elsewhere(
@@ -171,11 +160,11 @@ def _elsewhere(
     kind: JobKind[SomeJob, Row],
     where: Workers,
     may_begin: Callable[[], bool],
-) -> Iterator[tuple[SomeJob, Row]]:
+) -> Iterator[tuple[Any, Row]]:
     """Compute groups of jobs in other processes or on other machines."""
     from cosim.base.backends import sweep  # noqa: PLC0415 - joblib is slow to import
 
-    together: dict[Hashable, list[SomeJob]] = {}
+    together: dict[Hashable, list[Any]] = {}
     for job in jobs:
         together.setdefault(kind.batch(job), []).append(job)
     size = max(1, min(_GROUP, -(-len(jobs) // (_GROUPS * where.count))))

@@ -8,7 +8,6 @@ claimed.
 import contextlib
 import io
 import itertools
-import math
 import os
 import re
 import stat
@@ -21,7 +20,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from cosim.base.errors import FileError
+from cosim.base.errors import FileError, UserError
 
 _OTHER_THAN_FILES = {
     stat.S_IFDIR: "folder",
@@ -30,8 +29,6 @@ _OTHER_THAN_FILES = {
     stat.S_IFIFO: "pipe",
     stat.S_IFSOCK: "socket",
 }
-# What numpy writes; others could hold far more than the file's size says.
-_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 # Far above what is written here, far below what fills the memory.
 MAX_TEXT_BYTES = 2**26
 MAX_ARRAY_BYTES = 2**31  # all that are read of a file together, unpacked
@@ -92,6 +89,15 @@ def parsing(path: Path, kind: Kind) -> Iterator[None]:
     except Exception as error:
         reason = f"lacks {error}" if isinstance(error, KeyError) else error or type(error).__name__
         raise FileError(f"{path}: not a {kind.name} or damaged ({reason}); {kind.fix}") from error
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name the file in messages about what it says."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
 
 
 def read_bytes(path: Path, kind: Kind) -> bytes:
@@ -161,23 +167,12 @@ def read_arrays(path: Path, kind: Kind, names: Sequence[str]) -> dict[str, np.nd
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
         if sum(members[name].file_size for name in names) > MAX_ARRAY_BYTES:
             raise ValueError(f"it unpacks to more than {MAX_ARRAY_BYTES >> 20} MiB")
-        return {name: _array(archive, members[name]) for name in names}
+        return {name: _array(archive.read(members[name])) for name in names}
 
 
-def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
-    if member.compress_type not in _COMPRESSIONS:
-        raise ValueError(f"{member.filename} is compressed by an unknown method")
-    # Read first: a shape that claims more than there is takes no memory.
-    content = io.BytesIO(archive.read(member))
-    version = np.lib.format.read_magic(content)
-    readers = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }
-    shape, fortran_order, dtype = readers[version](content)
-    if dtype.hasobject:
-        raise ValueError(f"{member.filename} holds Python objects")
-    values = content.read()
-    if math.prod(shape) * dtype.itemsize != len(values):
-        raise ValueError(f"{member.filename} has another size than it says")
-    return np.ndarray(shape, dtype, values, order="F" if fortran_order else "C").copy(order="K")
+def _array(content: bytes) -> np.ndarray:
+    stream = io.BytesIO(content)
+    array = np.lib.format.read_array(stream, allow_pickle=False)
+    if stream.read(1):
+        raise ValueError("an array has another size than it says")
+    return array

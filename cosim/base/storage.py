@@ -52,11 +52,7 @@ def cache_dir(kind: str) -> Path:
 
 
 def lock_of(path: Path) -> FileLock:
-    """Lock of a cached file or folder between processes, to be entered; ends with its process.
-
-    Raises:
-        FileError: the cache cannot be written.
-    """
+    """Return the lock of a cached file or folder between processes; raises FileError."""
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
     require_cache(path.parent)
@@ -72,7 +68,7 @@ def require_cache(folder: Path) -> None:
 
 
 def lock_open(file: int | IO[bytes], *, wait: bool = True) -> None:
-    """Lock an open file until it is closed; on Windows do nothing.
+    """Lock an open file or folder until it is closed; on Windows do nothing.
 
     Args:
         file: or folder.
@@ -86,28 +82,19 @@ def lock_open(file: int | IO[bytes], *, wait: bool = True) -> None:
 
 
 def lock_alone(file: int | IO[bytes], path: Path) -> None:
-    """Lock an open file or folder until it is closed, where its file system has locks.
-
-    Raises:
-        FileError: another process has it locked; the message names `path`.
-    """
-    try:
-        lock_open(file, wait=False)
-    except BlockingIOError:
-        raise FileError(
-            f"{path}: another run writes to it; wait until that ends, or choose another --out"
-        ) from None
-    except OSError:
-        pass
+    """Lock an open file or folder, where its file system has locks; FileError if another has it."""
+    with contextlib.suppress(OSError):
+        try:
+            lock_open(file, wait=False)
+        except BlockingIOError:
+            raise FileError(
+                f"{path}: another run writes to it; wait until that ends, or choose another --out"
+            ) from None
 
 
 @contextlib.contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Make a folder if it is missing, and keep other runs out of it until the end.
-
-    Raises:
-        FileError: another run is in it.
-    """
+    """Make a folder if it is missing, and keep other runs out of it until the end; or FileError."""
     folder.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as stack:
         if fcntl is not None:
@@ -121,13 +108,11 @@ def new_folder(path: Path) -> Path:
     """Make a folder of this name, if there is none; else one with -2, -3 and so on after it."""
     made, number = path, 1
     while True:
-        try:
+        with contextlib.suppress(FileExistsError):
             made.mkdir(parents=True)
-        except FileExistsError:
-            number += 1
-            made = path.with_name(f"{path.name}-{number}")
-        else:
             return made
+        number += 1
+        made = path.with_name(f"{path.name}-{number}")
 
 
 def load_or_create(
@@ -143,13 +128,11 @@ def load_or_create(
     Raises:
         FileError: it is missing, and the cache cannot be written.
     """
-    found = load()
-    if found is None:
-        with lock_of(path):
-            found = load()  # another process may have made it meanwhile
-            if found is None:
-                found = make()
-    return found
+    if (found := load()) is not None:
+        return found
+    with lock_of(path):
+        found = load()  # another process may have made it meanwhile
+        return make() if found is None else found
 
 
 def cached(
@@ -192,19 +175,15 @@ def cached(
 
 def write_checksum(path: Path) -> None:
     """Keep the SHA-256 of a file next to it, for `is_intact`."""
-    write_whole(_seal_of(path), _sha256(path))
+    write_whole(path.with_name(f"{path.name}.sha256"), _sha256(path))
 
 
 def is_intact(path: Path) -> bool:
     """Return whether a file exists and has its checksum."""
     try:
-        return _seal_of(path).read_bytes() == _sha256(path).encode()
+        return path.with_name(f"{path.name}.sha256").read_bytes() == _sha256(path).encode()
     except OSError:
         return False
-
-
-def _seal_of(path: Path) -> Path:
-    return path.with_name(path.name + ".sha256")
 
 
 def _sha256(path: Path) -> str:
@@ -213,11 +192,7 @@ def _sha256(path: Path) -> str:
 
 
 def require_no_folder(path: Path) -> None:
-    """Refuse a folder where a file is to be.
-
-    Raises:
-        FileError: there is one.
-    """
+    """Refuse a folder where a file is to be; raises FileError."""
     if path.is_dir():
         raise FileError(f"{path}: a folder is where this file goes; move it away")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from cosim.base.arguments import ConfigError
 from cosim.base.provenance import digest_of
 from cosim.coupling.fmu import FmuError, MotorFmu
-from cosim.model.config import UNKNOWN, CoSimConfig
+from cosim.model.config import GIVEN, UNKNOWN, CoSimConfig, proportional
 from cosim.model.params import TABLE_II, MotorParams, lift_off_speed
 from fmus.build import is_built_in
 
@@ -34,23 +34,17 @@ def with_motor(config: CoSimConfig, motor_fmu: Path) -> CoSimConfig:
     given = {name: value for name, value in motor.items() if value != getattr(TABLE_II, name)}
     given |= dict(config.motor_parameters)
     found = fmu.read(MotorParams._fields, given)
-    sources, name = dict(config.sources), f"motor FMU {motor_fmu.name}"
-    sources |= {n: name for n in motor if n not in given and n in found}
-    sources |= {n: UNKNOWN for n in motor if n not in found}
-    sources |= {n: f"{UNKNOWN}: that of the body is assumed" for n in _OF_BODY if n not in found}
-    read = config.motor._replace(**found)
-    robot, steering = config.robot, config.steering
+    name, sources = f"motor FMU {motor_fmu.name}", dict(config.sources)
+    tree = {n: (v, sources.get(n, GIVEN) if n in given else name) for n, v in found.items()}
+    # A parameter that is not exposed keeps its value, in the body.
+    body: dict[str, str] = dict.fromkeys(_OF_BODY, f"{UNKNOWN}: that of the body is assumed")
+    tree |= {n: (v, body.get(n, UNKNOWN)) for n, v in motor.items() if n not in found}
+    robot, read = config.robot, config.motor._replace(**found)
     share = lift_off_speed(robot, read) / lift_off_speed(robot, config.motor)
-    speeds = {n: share * v for n, v in steering._asdict().items() if n.endswith("_speed_rad_s")}
+    tree |= proportional(config.steering, share)
+    of_fmu = {"motor_parameters": tuple(given.items()), "motor_fmu": digest_of(motor_fmu)}
     try:
-        config = replace(
-            config,
-            motor=read,
-            steering=steering._replace(**speeds),
-            sources=tuple(sources.items()),
-            motor_parameters=tuple(given.items()),
-            motor_fmu=digest_of(motor_fmu),
-        )
+        config = replace(config.merged(tree), **of_fmu)
     except ConfigError as error:
         raise FmuError(f"{name}: {error}") from None
     if "motors" in config.open_loop:

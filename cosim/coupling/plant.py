@@ -44,7 +44,7 @@ from cosim.physics.collision import (
 from cosim.physics.contact import Impulse
 from cosim.physics.forces import MotorMount, motor_wrench
 from cosim.physics.lanes import Width, any_lane, load, select, store, width_of
-from cosim.physics.properties import BodyParams, read_mount, read_params
+from cosim.physics.properties import BodyParams, feet_of, read_mount, read_params
 from cosim.physics.rotation import Vector, dot, rotation_matrix, to_body
 from cosim.physics.trig import sine_cosine
 
@@ -148,7 +148,7 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
     """
     theta_d, omega_d, omega_dot_d = exchanged(plant, state, 0, column, tick, width)
     theta_e, omega_e, omega_dot_e = exchanged(plant, state, 1, column, tick, width)
-    params = read_params(state.properties, column, width, plant.body)
+    params = read_params(state.properties, column, width, plant.body, feet_of(plant.body))
     mount_d = read_mount(state.properties, 0, column, width, plant.mount_d)
     mount_e = read_mount(state.properties, 1, column, width, plant.mount_e)
     d = motor_wrench(mount_d, theta_d, omega_d, omega_dot_d)
@@ -255,7 +255,7 @@ def react(plant: Plant, state: State) -> None:
             (body[V_Z] - held[2]) * rate,
         )
         wx, wy, wz = body[W_X] - held[3], body[W_Y] - held[4], body[W_Z] - held[5]
-        params = read_params(state.properties, column, _ONE, plant.body)
+        params = read_params(state.properties, column, _ONE, plant.body, feet_of(plant.body))
         turn = (rate * wx, rate * wy, rate * wz)
         ax, _, az = at_axis(to_body(matrix, change), turn, params)
         for motor in range(MOTORS):

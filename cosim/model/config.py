@@ -1,13 +1,17 @@
-"""The parameters of one co-simulation together, checked against each other."""
+"""The parameters of one co-simulation together, checked against each other.
+
+Machines, worlds and options are partial trees: values and their sources by the parameters' names.
+They are merged, later ones over earlier ones, and what comes of that is validated once.
+"""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 
-from cosim.base.arguments import ConfigError, require_one_of, validate_argument
+from cosim.base.arguments import ConfigError, validate_fields
 from cosim.model.params import (
     ESTIMATOR,
     SHIELD,
@@ -26,33 +30,39 @@ from cosim.model.params import (
     TimingParams,
     describe,
     lift_off_speed,
-    resized,
 )
-from cosim.model.world import IDEAL, World
+from cosim.model.world import IDEAL, Tree, World, parameter_name, tree_of
 
 OnCollision = Literal["end", "continue"]
 Loop = Literal["motors", "heading"]
 
 MAX_RATIO = 10**9  # of two periods
-MAX_VALUE = 1e9  # of a parameter in its unit
 
 # Sources of values.
 UNKNOWN, GIVEN, OF_MOTOR = "unknown", "given", "given by motor_parameters"
 _ROUNDING = 1e-9  # relative, of a period that shall be a multiple of another one
 _RECORDS = ("robot", "motor", "noise", "timing", "steering", "estimator", "shield")
-_SIGNED = ("com_x_m", "com_y_m")
-_OPTIONS = {  # without `Quantity`, by their names in `CoSimConfig.table`
-    "reaction": "whether motors feel the body's acceleration",
-    "portable": "whether no angle is computed by the C library",
-    "on_collision": "what a contact with a robot or an obstacle does",
-    "through": "whether robots drive on at the end of a move until asked",
-    "mu_patches": "cells with another mu",
-    "payload_offset_mm": "forwards and to the left",
-    "motor_phases_deg": "initial phases of the motors",
-    "open_loop": "what goes without feedback",
-    "preset": "machine that the parameters are of",
-    "shield": "whether a monitor keeps robots apart, for any policy",
-}
+
+
+def _option(description: str) -> Quantity:
+    return Quantity("", "default", description)
+
+
+class Leaf(NamedTuple):
+    """A parameter: where it is in the configuration, its value, and its unit and source."""
+
+    path: str
+    value: Any
+    quantity: Quantity
+
+    def __str__(self) -> str:
+        value = "none" if self.value in ("", [], None) else self.value
+        unit = "" if self.quantity.unit == "1" else self.quantity.unit
+        return f"{self.path} = {value} {unit}".rstrip() + f"  ({self.quantity.source})"
+
+    def table(self) -> dict[str, Any]:
+        """Return value, unit, source and description by name."""
+        return {"value": self.value} | self.quantity._asdict()
 
 
 @dataclass(frozen=True)
@@ -67,22 +77,18 @@ class CoSimConfig:
         timing: clock, decisions and limits.
         steering: speeds and gains.
         estimator: of the filter that robots see the camera through.
-        reaction: whether the motors feel the acceleration of the body (the paper neglects it).
-        portable: whether the angles that robots steer by have the same bits on every machine
-            (`cosim.physics.trig`), or are those of the C library.
-        on_collision: whether a robot that touches another one or an obstacle, or enters another
-            one's target cell, ends the episode or pushes on.
-        world: floor, motors, load and camera; `mu`, speed noise and obstacles are said elsewhere,
-            see `in_world`.
-        through: whether a robot drives on at the end of a move until it is asked, and turns only
-            for another direction (the paper's stops).
-        shield: what a monitor keeps that holds robots apart, for any policy
-            (`cosim.onboard.shield`), and lets them yield to each other
-            (`cosim.onboard.yielding`); None for no shield.
-        open_loop: what goes without feedback: motors get the voltage that gives their set point in
-            the mean instead of the loop of Eq. (14), and robots keep no course while they drive.
-        preset: name of the machine, see `cosim.model`.
-        sources: of parameters that were set, as (name, text), see `having`; UNKNOWN for one that
+        reaction: the paper neglects it.
+        portable: see `cosim.physics.trig`.
+        on_collision: as does entering another robot's target cell: end the episode, or push on.
+        world: floor, motors, load and camera; its `mu` and speed noise are in `robot` and `noise`,
+            its obstacles in the scenario.
+        through: they turn only for another direction; the paper's stop.
+        shield: distances that it keeps (`cosim.onboard.shield`); robots yield to each other, too
+            (`cosim.onboard.yielding`). None for no shield.
+        open_loop: motors get the voltage that gives their set point in the mean instead of the loop
+            of Eq. (14), and robots keep no course while they drive.
+        preset: see `cosim.model.preset`.
+        sources: of parameters that were set, as (name, text), see `merged`; UNKNOWN for one that
             the motor FMU does not expose. They do not matter for equality.
         motor_parameters: values that every motor FMU is given, by name, in addition to what differs
             between `motor` and Table II.
@@ -100,69 +106,42 @@ class CoSimConfig:
     timing: TimingParams = TIMING
     steering: SteeringParams = STEERING
     estimator: EstimatorParams = ESTIMATOR
-    reaction: bool = False
-    portable: bool = False
-    on_collision: OnCollision = "end"
+    reaction: Annotated[bool, _option("whether motors feel the body's acceleration")] = False
+    portable: Annotated[bool, _option("whether no angle is computed by the C library")] = False
+    on_collision: Annotated[
+        OnCollision, _option("what a contact with a robot or an obstacle does")
+    ] = "end"
     world: World = IDEAL
-    through: bool = False
-    shield: ShieldParams | None = None
-    open_loop: tuple[Loop, ...] = ()
-    preset: str = "paper"
+    through: Annotated[
+        bool, _option("whether robots drive on at the end of a move until asked")
+    ] = False
+    shield: Annotated[
+        ShieldParams | None, _option("whether a monitor keeps robots apart, for any policy")
+    ] = None
+    open_loop: Annotated[tuple[Loop, ...], _option("what goes without feedback")] = ()
+    preset: Annotated[str, _option("machine that the parameters are of")] = "paper"
     sources: tuple[tuple[str, str], ...] = field(default=(), compare=False)
     motor_parameters: tuple[tuple[str, float], ...] = ()
     motor_fmu: str = ""
 
     def __post_init__(self) -> None:
-        require_one_of("on_collision", self.on_collision, get_args(OnCollision))
-        for loop in self.open_loop:
-            require_one_of("open_loop", loop, get_args(Loop))
-        validate_argument("shield", self.shield, ShieldParams | None)
-        for part in _RECORDS:
-            record = getattr(self, part)
-            if record is None:
-                continue
-            if any(type(value) is not float for value in record):
-                record = type(record)(
-                    *(validate_argument(n, v, float) for n, v in record._asdict().items())
-                )
-                object.__setattr__(self, part, record)
-            for name, value in record._asdict().items():
-                if name not in _SIGNED and not 0.0 <= value <= MAX_VALUE:
-                    raise ConfigError(
-                        f"{name} = {value} must be finite and not negative, at most {MAX_VALUE:g}"
-                    )
+        validate_fields(self)
         if self.shield and "heading" in self.open_loop:
             raise ConfigError(
                 "the shield needs robots that keep their course; leave heading out of open_loop"
             )
-        for record, names in (
-            (self.robot, ("mass_kg", "diameter_m", "height_m", "com_height_m", "foot_radius_m")),
-            (self.motor, ("m", "r", "K_T", "J", "R", "g")),
-            (self.timing, ("dt_s", "communication_step_s", "control_period_s", "rl_step_s")),
-            (self.steering, ("lookahead_m", "least_lookahead_m")),
-        ):
-            for name in names:
-                if getattr(record, name) == 0.0:
-                    raise ConfigError(f"{name} must be positive")
         self._check_geometry()
-        step_s = self.timing.communication_step_s
-        whole_ratio("communication_step_s", step_s, "dt_s", self.timing.dt_s)
-        whole_ratio(
-            "control_period_s", self.timing.control_period_s, "communication_step_s", step_s
-        )
-        whole_ratio(
-            "rl_step_s", self.timing.rl_step_s, "control_period_s", self.timing.control_period_s
-        )
-        whole_ratio("hold_s", self.noise.hold_s, "control_period_s", self.timing.control_period_s)
-        limit = self.lift_off_rad_s
-        for name in (
-            "forward_speed_rad_s",
-            "backward_speed_rad_s",
-            "turn_speed_rad_s",
-            "max_speed_rad_s",
+        timing = self.timing._asdict() | self.noise._asdict()
+        for name, base in (
+            ("communication_step_s", "dt_s"),
+            ("control_period_s", "communication_step_s"),
+            ("rl_step_s", "control_period_s"),
+            ("hold_s", "control_period_s"),
         ):
-            speed = getattr(self.steering, name)
-            if speed >= limit:
+            whole_ratio(name, timing[name], base, timing[base])
+        limit = self.lift_off_rad_s
+        for name, speed in self.steering._asdict().items():
+            if name.endswith("_speed_rad_s") and speed >= limit:
                 raise ConfigError(
                     f"{name} = {speed:g} rad/s would make the robot hop; "
                     f"stay below lift-off at {limit:.0f} rad/s"
@@ -178,16 +157,18 @@ class CoSimConfig:
             )
         payload_kg, offset_mm = 1e-3 * self.world.payload_g, self.world.payload_offset_mm
         mass_kg = robot.mass_kg + payload_kg
-        ahead_m, left_m = (
-            (robot.mass_kg * own_m + 1e-3 * payload_kg * mm) / mass_kg
-            for own_m, mm in zip((robot.com_x_m, robot.com_y_m), offset_mm, strict=True)
+        moved_m = math.hypot(
+            *(
+                (robot.mass_kg * own_m + 1e-3 * payload_kg * mm) / mass_kg
+                for own_m, mm in zip((robot.com_x_m, robot.com_y_m), offset_mm, strict=True)
+            )
         )
-        if not math.hypot(ahead_m, left_m) < inside_m:
+        if not moved_m < inside_m:
             raise ConfigError(
                 f"world.payload_g = {self.world.payload_g:g} at payload_offset_mm = "
-                f"{list(offset_mm)} moves the centre of mass "
-                f"{1e3 * math.hypot(ahead_m, left_m):.1f} mm from the robot's axis, which falls "
-                f"over from {1e3 * inside_m:.1f} mm on; give a lighter payload or a smaller offset"
+                f"{list(offset_mm)} moves the centre of mass {1e3 * moved_m:.1f} mm from the "
+                f"robot's axis, which falls over from {1e3 * inside_m:.1f} mm on; give a lighter "
+                "payload or a smaller offset"
             )
         for name in ("foot_radius_m", "motor_radius_m"):
             if getattr(robot, name) >= robot.diameter_m / 2.0:
@@ -202,26 +183,28 @@ class CoSimConfig:
                 f"{robot.diameter_m:g}; make the robot larger"
             )
 
-    def having(self, source: str, **values: Any) -> "CoSimConfig":
-        """Return a copy in which parameters have other values, recorded with their source.
-
-        Args:
-            source: of all these values.
-            values: of fields of the records or of the configuration, by name; None keeps one.
-        """
-        given = {name: value for name, value in values.items() if value is not None}
-        changed = dict(given)
+    def merged(self, *trees: Mapping[str, tuple[Any, str]]) -> "CoSimConfig":
+        """Return a copy with the values of partial trees and their sources, later ones first."""
+        tree = {name: leaf for each in trees for name, leaf in each.items()}
+        values: dict[str, Any] = {name: value for name, (value, _) in tree.items()}
+        changed: dict[str, Any] = {}
         for part in _RECORDS:
             record = getattr(self, part)
-            own = {n: changed.pop(n) for n in getattr(record, "_fields", ()) if n in changed}
+            own = {n: values.pop(n) for n in getattr(record, "_fields", ()) if n in values}
             if own:
                 changed[part] = record._replace(**own)
-        sources = dict(self.sources) | dict.fromkeys(given, source)
-        return replace(self, **changed, sources=tuple(sources.items()))
+        for table, record in (("world.sensor", self.world.camera), ("world", self.world)):
+            names = {parameter_name(table, n): n for n in record.__struct_fields__}
+            own = {names[n]: values.pop(n) for n in names.keys() & values.keys()}
+            if own:
+                of = changed if table == "world" else values
+                of[table.rpartition(".")[2]] = msgspec.structs.replace(record, **own)
+        sources = tuple((dict(self.sources) | {n: text for n, (_, text) in tree.items()}).items())
+        return replace(self, **changed, **values, sources=sources)
 
-    def sourced(self, sources: Mapping[str, str]) -> "CoSimConfig":
-        """Return a copy with further sources of parameters, or other ones, by name."""
-        return replace(self, sources=tuple({**dict(self.sources), **sources}.items()))
+    def having(self, source: str, /, **values: Any) -> "CoSimConfig":
+        """Return a copy in which parameters have other values of one source; None keeps one."""
+        return self.merged(tree_of(source, **values))
 
     @property
     def unsourced(self) -> "CoSimConfig":
@@ -229,28 +212,27 @@ class CoSimConfig:
         return replace(self, sources=())
 
     def sized(self, diameter_m: float) -> "CoSimConfig":
-        """Return these parameters for robots of another diameter, see `resized`.
+        """Return these parameters for robots of another diameter, feet and motors near its rim.
 
         To be called before a calibration: motor speeds depend on the robot's inertia.
         """
-        robot = resized(self.robot, diameter_m)
-        if robot == self.robot:
+        robot = self.robot
+        if robot.diameter_m == diameter_m:
             return self
-        feet = {n: getattr(robot, n) for n in ("foot_radius_m", "motor_radius_m")}
-        own = self.having("in proportion to the diameter", **feet, diameter_m=diameter_m)
-        return own.sourced({"diameter_m": "scenario"})
+        scale = diameter_m / robot.diameter_m
+        feet = {n: scale * getattr(robot, n) for n in ("foot_radius_m", "motor_radius_m")}
+        own = tree_of("scenario", diameter_m=diameter_m)
+        return self.merged(tree_of("in proportion to the diameter", **feet), own)
 
     def in_world(self, world: World) -> "CoSimConfig":
-        """Return these parameters in a world as declared.
+        """Return these parameters in another world, as declared.
 
         To be called before a calibration: robots are calibrated on the floor and with the load that
         they will have.
         """
-        rest = msgspec.structs.replace(world, mu=None, motor_speed_noise=None, obstacles=())
-        config = self.having("world", mu=world.mu, relative_amplitude=world.motor_speed_noise)
-        kept = {n: text for n, text in config.sources if n not in self.world.stated}
-        sources = kept | dict.fromkeys(world.stated, "world")
-        return replace(config, world=rest, sources=tuple(sources.items()))
+        left = self.world.tree()
+        kept = tuple((name, text) for name, text in self.sources if name not in left)
+        return replace(self, world=IDEAL, sources=kept).merged(world.tree())
 
     def require_known(self, what: str, *names: str) -> None:
         """Refuse motors of which a parameter is unknown."""
@@ -291,33 +273,48 @@ class CoSimConfig:
         """Number of control periods of one noise value."""
         return round(self.noise.hold_s / self.timing.control_period_s)
 
-    def table(self) -> dict[str, dict[str, Any]]:
-        """Return value, unit, source and description of every parameter, by its name.
+    def leaves(self) -> dict[str, Leaf]:
+        """Return every parameter by its name, with its own source.
 
         A value without a recorded source that differs from the default is "given".
         """
-        usual, sources, rows = CoSimConfig().described(), dict(self.sources), {}
-        for name, (value, quantity) in self.described().items():
-            changed = name in usual and value != usual[name][0]
+        usual, sources = CoSimConfig()._declared(), dict(self.sources)
+        found = {}
+        for name, (path, value, quantity) in self._declared().items():
+            changed = name in usual and value != usual[name].value
             source = sources.get(name, GIVEN if changed else quantity.source)
-            shown = UNKNOWN if source == UNKNOWN else value
-            rows[name] = {"value": shown} | quantity._replace(source=source)._asdict()
+            found[name] = Leaf(
+                path, UNKNOWN if source == UNKNOWN else value, quantity._replace(source=source)
+            )
+        return found
+
+    def table(self) -> dict[str, dict[str, Any]]:
+        """Return value, unit, source and description of every parameter, by its name."""
+        return {name: leaf.table() for name, leaf in self.leaves().items()}
+
+    def _declared(self) -> dict[str, Leaf]:
+        """Return every parameter by its name, with the sources of defaults; values as in JSON."""
+        tables: dict[str, Any] = {part: getattr(self, part) or SHIELD for part in _RECORDS}
+        tables |= {"world": self.world, "world.sensor": self.world.camera, "": self}
+        rows = {
+            parameter_name(table, n): Leaf(f"{table}.{n}".removeprefix("."), value, quantity)
+            for table, record in tables.items()
+            for n, (value, quantity) in describe(record).items()
+        }
+        for name, value in self.motor_parameters:
+            quantity = Quantity("", OF_MOTOR, "of the motor FMU")
+            rows.setdefault(name, Leaf(f"motor_parameters.{name}", value, quantity))
+        changed = {"open_loop": " ".join(self.open_loop), "shield": bool(self.shield)}
+        for name, leaf in rows.items():
+            value = changed.get(name, 0.0 if leaf.value is None else leaf.value)
+            rows[name] = leaf._replace(value=msgspec.json.decode(msgspec.json.encode(value)))
         return rows
 
-    def described(self) -> dict[str, tuple[Any, Quantity]]:
-        """Return value and `Quantity` of every parameter, by its name."""
-        records = [getattr(self, part) or SHIELD for part in _RECORDS]
-        rows = {
-            n: row for part in (*records, self.world.filled()) for n, row in describe(part).items()
-        }
-        rows |= {f"sensor_{name}": row for name, row in describe(self.world.camera).items()}
-        for name, value in self.motor_parameters:
-            rows.setdefault(name, (value, Quantity("", OF_MOTOR, "of the motor FMU")))
-        own = msgspec.json.decode(msgspec.json.encode(self.world)) | vars(self)
-        own |= {"open_loop": " ".join(self.open_loop), "shield": self.shield is not None}
-        for name, text in _OPTIONS.items():
-            rows[name] = own[name], Quantity("", "default", text)
-        return rows
+
+def proportional(steering: SteeringParams, share: float) -> Tree:
+    """Return a share of the motor speeds of the steering."""
+    speeds = {n: share * v for n, v in steering._asdict().items() if n.endswith("_speed_rad_s")}
+    return tree_of("computed: in proportion to lift-off", **speeds)
 
 
 def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:

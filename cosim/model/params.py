@@ -1,12 +1,19 @@
 """Tables I and II of the paper and everything assumed: the only physical literals of the project.
 
-Every field carries its unit, its source and a description as a `Quantity`; `describe` lists them
-for help texts, recordings and the FMU's variable table. Derived quantities are functions.
+Every field carries its range as a type, and its unit, source and description as a `Quantity`;
+`describe` lists these for help texts, recordings and the FMU's variable table. Derived
+quantities are functions.
 SI units and radians throughout. Records are NamedTuples because numba kernels read them.
 """
 
 import math
 from typing import Annotated, Any, NamedTuple, get_type_hints
+
+from msgspec import Meta
+
+MAX_VALUE = 1e9  # of a parameter in its unit
+Positive = Annotated[float, Meta(gt=0.0, le=MAX_VALUE)]
+Amount = Annotated[float, Meta(ge=0.0, le=MAX_VALUE)]
 
 
 class Quantity(NamedTuple):
@@ -20,41 +27,41 @@ class Quantity(NamedTuple):
 class MotorParams(NamedTuple):
     """Vibration motor and its PI speed loop (Table II, Eq. 13 and 14), in the paper's symbols."""
 
-    m: Annotated[float, Quantity("kg", "Table II", "motor eccentric mass")] = 0.00021
-    r: Annotated[float, Quantity("m", "Table II", "eccentricity of the rotating mass")] = 0.00177
-    K_T: Annotated[float, Quantity("N.m/A", "Table II", "torque constant")] = 3.64e-4
-    J: Annotated[float, Quantity("kg.m2", "Table II", "eccentric load's moment of inertia")] = (
+    m: Annotated[Positive, Quantity("kg", "Table II", "motor eccentric mass")] = 0.00021
+    r: Annotated[Positive, Quantity("m", "Table II", "eccentricity of the rotating mass")] = 0.00177
+    K_T: Annotated[Positive, Quantity("N.m/A", "Table II", "torque constant")] = 3.64e-4
+    J: Annotated[Positive, Quantity("kg.m2", "Table II", "eccentric load's moment of inertia")] = (
         2.67e-9
     )
-    R: Annotated[float, Quantity("Ohm", "Table II", "motor electrical resistance")] = 10.7
+    R: Annotated[Positive, Quantity("Ohm", "Table II", "motor electrical resistance")] = 10.7
     b: Annotated[
-        float,
+        Amount,
         Quantity("N.m.s/rad", "Table II (printed Ns/m, read as rotational)", "viscous friction"),
     ] = 2.94e-9
-    c: Annotated[float, Quantity("N.m", "Table II", "Coulomb friction torque")] = 1.34e-5
-    g: Annotated[float, Quantity("m/s2", "Table II", "gravitational acceleration")] = 9.81
-    K_p: Annotated[float, Quantity("V.s/rad", "Table II", "proportional gain")] = 0.015
-    K_i: Annotated[float, Quantity("V/rad", "Table II", "integral gain")] = 0.025
-    V_s_max: Annotated[float, Quantity("V", "Table II", "maximum input voltage")] = 3.0
+    c: Annotated[Amount, Quantity("N.m", "Table II", "Coulomb friction torque")] = 1.34e-5
+    g: Annotated[Positive, Quantity("m/s2", "Table II", "gravitational acceleration")] = 9.81
+    K_p: Annotated[Amount, Quantity("V.s/rad", "Table II", "proportional gain")] = 0.015
+    K_i: Annotated[Amount, Quantity("V/rad", "Table II", "integral gain")] = 0.025
+    V_s_max: Annotated[Amount, Quantity("V", "Table II", "maximum input voltage")] = 3.0
 
 
 class RobotParams(NamedTuple):
     """Rigid body, feet, motor mounts and floor friction of one robot (Table I and assumed)."""
 
-    mass_kg: Annotated[float, Quantity("kg", "Table I", "mini-robot mass")] = 0.1
-    diameter_m: Annotated[float, Quantity("m", "Table I", "mini-robot diameter")] = 0.05
-    height_m: Annotated[float, Quantity("m", "Table I", "mini-robot height")] = 0.045
+    mass_kg: Annotated[Positive, Quantity("kg", "Table I", "mini-robot mass")] = 0.1
+    diameter_m: Annotated[Positive, Quantity("m", "Table I", "mini-robot diameter")] = 0.05
+    height_m: Annotated[Positive, Quantity("m", "Table I", "mini-robot height")] = 0.045
     motor_axis_height_m: Annotated[
-        float, Quantity("m", "Table I", "vibration motor axis above the floor")
+        Amount, Quantity("m", "Table I", "vibration motor axis above the floor")
     ] = 0.003
     motor_diameter_m: Annotated[
-        float, Quantity("m", "Table I", "vibration motor body diameter")
+        Amount, Quantity("m", "Table I", "vibration motor body diameter")
     ] = 0.0044
-    motor_length_m: Annotated[float, Quantity("m", "Table I", "vibration motor body length")] = (
+    motor_length_m: Annotated[Amount, Quantity("m", "Table I", "vibration motor body length")] = (
         0.0102
     )
     com_height_m: Annotated[
-        float,
+        Positive,
         Quantity("m", "assumed: battery and motors sit low", "centre of mass above the floor"),
     ] = 0.015
     com_x_m: Annotated[
@@ -64,18 +71,19 @@ class RobotParams(NamedTuple):
         float, Quantity("m", "assumed", "centre of mass to the left of it, likewise")
     ] = 0.0
     foot_radius_m: Annotated[
-        float, Quantity("m", "assumed: just inside the rim", "circle of the three contacts A, B, C")
+        Positive,
+        Quantity("m", "assumed: just inside the rim", "circle of the three contacts A, B, C"),
     ] = 0.023
     motor_radius_m: Annotated[
-        float,
+        Amount,
         Quantity("m", "assumed: just inside the rim", "distance of motors D, E from the centre"),
     ] = 0.0225
     mu: Annotated[
-        float,
+        Amount,
         Quantity("1", "assumed: 0.1 to 0.4 in the literature", "Coulomb friction of the feet"),
     ] = 0.15
     mu_robots: Annotated[
-        float,
+        Amount,
         Quantity("1", "assumed, on any floor", "Coulomb friction between robots that touch"),
     ] = 0.15
 
@@ -87,34 +95,37 @@ class NoiseParams(NamedTuple):
     """
 
     relative_amplitude: Annotated[
-        float, Quantity("1", "Section V", "half width of the uniform noise over the set point")
+        Amount, Quantity("1", "Section V", "half width of the uniform noise over the set point")
     ] = 0.05
     hold_s: Annotated[
-        float, Quantity("s", "assumed: the paper gives no band width", "time one noise value holds")
+        Amount,
+        Quantity("s", "assumed: the paper gives no band width", "time one noise value holds"),
     ] = 1e-3
 
 
 class TimingParams(NamedTuple):
     """Clock of the co-simulation; every slower period is an integer multiple of `dt_s`."""
 
-    dt_s: Annotated[float, Quantity("s", "Section V", "integration and communication step")] = 1e-5
+    dt_s: Annotated[Positive, Quantity("s", "Section V", "integration and communication step")] = (
+        1e-5
+    )
     communication_step_s: Annotated[
-        float,
+        Positive,
         Quantity("s", "assumed: every integration step", "time between exchanges with the FMUs"),
     ] = 1e-5
     control_period_s: Annotated[
-        float, Quantity("s", "assumed: 1 kHz on-board controller", "steering period")
+        Positive, Quantity("s", "assumed: 1 kHz on-board controller", "steering period")
     ] = 1e-3
-    rl_step_s: Annotated[float, Quantity("s", "Section V", "time between two decisions")] = 2.0
+    rl_step_s: Annotated[Positive, Quantity("s", "Section V", "time between two decisions")] = 2.0
     move_limit_s: Annotated[
-        float,
+        Amount,
         Quantity("s", "assumed: several times a turn and a cell", "time after which a move ends"),
     ] = 40.0
     episode_limit_s: Annotated[
-        float, Quantity("s", "assumed: none in the paper", "simulated time that ends an episode")
+        Amount, Quantity("s", "assumed: none in the paper", "simulated time that ends an episode")
     ] = 600.0
     burst_s: Annotated[
-        float, Quantity("s", "a recording's level", "start of an RL step sampled at every tick")
+        Amount, Quantity("s", "a recording's level", "start of an RL step sampled at every tick")
     ] = 0.0
 
 
@@ -126,53 +137,54 @@ class SteeringParams(NamedTuple):
     """
 
     drive_speed_m_s: Annotated[
-        float,
+        Amount,
         Quantity(
             "m/s", "assumed: a diagonal move in 4 s, no hop up to μ = 0.2", "desired velocity"
         ),
     ] = 0.0039
     turn_rate_rad_s: Annotated[
-        float,
+        Amount,
         Quantity("rad/s", "assumed: no hop up to μ = 0.2", "desired yaw rate on the spot, at most"),
     ] = 0.2
     forward_speed_rad_s: Annotated[
-        float,
+        Amount,
         Quantity("rad/s", "calibrated: drive_speed_m_s", "motor speed while driving forwards"),
     ] = 992.1
     backward_speed_rad_s: Annotated[
-        float,
+        Amount,
         Quantity("rad/s", "calibrated: drive_speed_m_s", "motor speed while driving backwards"),
     ] = 1023.5
     turn_speed_rad_s: Annotated[
-        float, Quantity("rad/s", "calibrated: turn_rate_rad_s", "motor speed while turning")
+        Amount, Quantity("rad/s", "calibrated: turn_rate_rad_s", "motor speed while turning")
     ] = 1015.4
     max_speed_rad_s: Annotated[
-        float, Quantity("rad/s", "calibrated: no hop", "bound on motor speeds while driving")
+        Amount, Quantity("rad/s", "calibrated: no hop", "bound on motor speeds while driving")
     ] = 1082.6
     dither_rad_s: Annotated[
-        float,
+        Amount,
         Quantity("rad/s", "assumed", "alternating speed difference that averages motor phases"),
     ] = 20.0
     turned_rad: Annotated[
-        float, Quantity("rad", "assumed", "heading error below which turning ends")
+        Amount, Quantity("rad", "assumed", "heading error below which turning ends")
     ] = 0.15
     turn_again_rad: Annotated[
-        float, Quantity("rad", "assumed", "heading error above which driving becomes turning")
+        Amount, Quantity("rad", "assumed", "heading error above which driving becomes turning")
     ] = 0.35
     heading_gain_1_s: Annotated[
-        float, Quantity("1/s", "assumed", "speed difference of the motors per heading error")
+        Amount, Quantity("1/s", "assumed", "speed difference of the motors per heading error")
     ] = 4000.0
     max_difference_rad_s: Annotated[
-        float, Quantity("rad/s", "assumed: half of it is free of loss", "bound on that difference")
+        Amount, Quantity("rad/s", "assumed: half of it is free of loss", "bound on that difference")
     ] = 100.0
     yaw_gain: Annotated[
-        float, Quantity("1", "calibration: 0.05 rad/s at 100 rad/s", "yaw rate of that difference")
+        Amount, Quantity("1", "calibration: 0.05 rad/s at 100 rad/s", "yaw rate of that difference")
     ] = 5e-4
     lookahead_m: Annotated[
-        float, Quantity("m", "assumed: one cell", "distance over which a lateral error is closed")
+        Positive,
+        Quantity("m", "assumed: one cell", "distance over which a lateral error is closed"),
     ] = 0.01
     least_lookahead_m: Annotated[
-        float, Quantity("m", "assumed", "the same close to the end of the line")
+        Positive, Quantity("m", "assumed", "the same close to the end of the line")
     ] = 0.004
 
 
@@ -180,15 +192,15 @@ class EstimatorParams(NamedTuple):
     """Assumptions of a robot's filter about its motion; see `cosim.onboard.estimation`."""
 
     position_drift_m2_s: Annotated[
-        float,
+        Amount,
         Quantity("m2/s", "assumed: 0.6 mm in 1 s", "growth of the variance of a driven position"),
     ] = 3.6e-7
     heading_drift_rad2_s: Annotated[
-        float,
+        Amount,
         Quantity("rad2/s", "assumed: 1.7° in 1 s", "growth of the variance of a driven heading"),
     ] = 9e-4
     settle_s: Annotated[
-        float,
+        Amount,
         Quantity("s", "measured: at rest after 0.03 s", "time after a stop that counts as driven"),
     ] = 0.1
 
@@ -197,25 +209,26 @@ class ShieldParams(NamedTuple):
     """Distances that the shield keeps, see `cosim.onboard.shield` and docs/shield.md."""
 
     stopping_m: Annotated[
-        float,
+        Amount,
         Quantity("m", "measured: 1 stop in 1e5, and 1/4", "from a look at a robot until it rests"),
     ] = 1.1e-4
     room_m: Annotated[
-        float, Quantity("m", "assumed: several retreats that fail", "room below which robots stop")
+        Amount, Quantity("m", "assumed: several retreats that fail", "room below which robots stop")
     ] = 6e-4
     loss_m: Annotated[
-        float, Quantity("m", "assumed: more than the vibration", "room that a retreat may cost")
+        Amount, Quantity("m", "assumed: more than the vibration", "room that a retreat may cost")
     ] = 1e-4
     stray_m: Annotated[
-        float, Quantity("m", "benchmarks steering: driving", "gap of plans beyond that of stopping")
+        Amount,
+        Quantity("m", "benchmarks steering: driving", "gap of plans beyond that of stopping"),
     ] = 1e-3
-    retreat_m: Annotated[float, Quantity("m", "assumed: one cell", "length of a retreat")] = 0.01
+    retreat_m: Annotated[Amount, Quantity("m", "assumed: one cell", "length of a retreat")] = 0.01
     deviations: Annotated[
-        float,
+        Amount,
         Quantity("1", "measured with a camera: 5 and the bias", "bound on an estimate's error, σ"),
     ] = 5.0
     jitter: Annotated[
-        float, Quantity("1", "assumed", "standard deviations that room_m and loss_m grow by")
+        Amount, Quantity("1", "assumed", "standard deviations that room_m and loss_m grow by")
     ] = 1.5
 
 
@@ -259,13 +272,12 @@ FIG_7 = Fig7Params()
 
 def describe(record: Any) -> dict[str, tuple[Any, Quantity]]:
     """Value and `Quantity` of every field of a record that has one, in declaration order."""
-    hints = get_type_hints(type(record), include_extras=True)
-    quantities = {
-        name: next(m for m in hint.__metadata__ if isinstance(m, Quantity))
-        for name, hint in hints.items()
-        if hasattr(hint, "__metadata__")
+    return {
+        name: (getattr(record, name), annotation)
+        for name, hint in get_type_hints(type(record), include_extras=True).items()
+        for annotation in getattr(hint, "__metadata__", ())
+        if isinstance(annotation, Quantity)
     }
-    return {name: (getattr(record, name), quantity) for name, quantity in quantities.items()}
 
 
 def cylinder_inertia(robot: RobotParams) -> tuple[float, float, float]:
@@ -274,16 +286,6 @@ def cylinder_inertia(robot: RobotParams) -> tuple[float, float, float]:
     i_zz = robot.mass_kg * radius**2 / 2.0
     i_xx = robot.mass_kg * (3.0 * radius**2 + robot.height_m**2) / 12.0
     return i_xx, i_xx, i_zz
-
-
-def resized(robot: RobotParams, diameter_m: float) -> RobotParams:
-    """The robot with another diameter; feet and motors, just inside its rim, move with the rim."""
-    scale = diameter_m / robot.diameter_m
-    return robot._replace(
-        diameter_m=diameter_m,
-        foot_radius_m=scale * robot.foot_radius_m,
-        motor_radius_m=scale * robot.motor_radius_m,
-    )
 
 
 def motor_gain(motor: MotorParams) -> float:

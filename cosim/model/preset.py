@@ -7,36 +7,39 @@ the top of the file it says so of the machine.
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
+from cosim.base.arguments import require_names, validate_argument
 from cosim.base.errors import UserError
-from cosim.base.reading import Kind, read_toml
+from cosim.base.reading import Kind, naming, read_toml
 from cosim.base.storage import replacing, require_suffix
-from cosim.model.config import UNKNOWN, CoSimConfig
+from cosim.model.config import CoSimConfig, proportional
 from cosim.model.params import (
     STEERING,
     TABLE_I,
     TABLE_II,
     MotorParams,
     RobotParams,
-    SteeringParams,
     lift_off_speed,
 )
 from cosim.model.scenario import Scenario
-from cosim.model.world import IDEAL, Sensor, World, parameter_name
+from cosim.model.world import Sensor, parameter_name
 
 PAPER = "paper"
-# Fields of a world that a machine brings along; the others are of the table that it stands on.
-WORLD_FIELDS = ("restitution", "motor_spread", "motor_speed_noise")
+# What a machine may state. Other fields of a world are of the table that the machine stands on.
+FIELDS = {
+    "robot": RobotParams._fields,
+    "motor": MotorParams._fields,
+    "world": ("restitution", "motor_spread", "motor_speed_noise"),
+    "world.sensor": Sensor.__struct_fields__,
+}
 _SIZE = ("diameter_m", "foot_radius_m", "motor_radius_m")
 _FOLDER = Path(__file__).parent
-
-
 _FILE = Kind("preset file", "check the path")
 
 
@@ -46,51 +49,28 @@ class Preset(NamedTuple):
     Attributes:
         name: what `--preset` calls it, or the file's name without its ending.
         source: of the machine, for people.
-        robot: body, feet and friction.
-        motor: nominal parameters of every motor.
-        world: what the machine brings along of it: `WORLD_FIELDS` and the camera.
-        sources: of parameters, by the names of `CoSimConfig.table`.
+        tree: what the machine states, by the names of `CoSimConfig.table`.
     """
 
     name: str = PAPER
     source: str = ""
-    robot: RobotParams = TABLE_I
-    motor: MotorParams = TABLE_II
-    world: World = IDEAL
-    sources: Mapping[str, str] = {}
+    tree: Mapping[str, tuple[Any, str]] = {}
 
-    def config(self, world: World = IDEAL) -> CoSimConfig:
-        """Parameters of a co-simulation of the machine in a world, not yet calibrated.
+    def config(self, *trees: Mapping[str, tuple[Any, str]]) -> CoSimConfig:
+        """Parameters of the machine, over which later trees hold first; not yet calibrated.
 
-        Motor speeds of the steering are those of the paper's robot, as shares of lift-off. What the
-        world states overrides what the machine brings along.
+        Motor speeds of the steering are those of the paper's robot, as shares of lift-off.
         """
-        sources = {
-            n: text
-            for table in ("robot", "motor")
-            for n, text in self.stated_sources(table).items()
-        }
-        machine = CoSimConfig(
-            robot=self.robot,
-            motor=self.motor,
-            steering=_steering(0.0),
-            preset=self.name,
-            sources=tuple(sources.items()),
+        tree = {name: leaf for each in (self.tree, *trees) for name, leaf in each.items()}
+        robot, motor = (
+            validate_argument(
+                name, [tree.get(n, (v,))[0] for n, v in usual._asdict().items()], type(usual)
+            )
+            for name, usual in (("robot", TABLE_I), ("motor", TABLE_II))
         )
-        share = machine.lift_off_rad_s / lift_off_speed(TABLE_I, TABLE_II)
-        config = replace(machine, steering=_steering(share)).in_world(self.in_world(world))
-        brought = self.stated_sources("world") | self.stated_sources("world.sensor")
-        return config.sourced({n: t for n, t in brought.items() if n not in world.stated})
-
-    def stated_sources(self, table: str) -> dict[str, str]:
-        """Return the source of every value of a table that the machine states, by parameter."""
-        record, usual, names = _TABLES[table]
-        own = {
-            parameter_name(table, n): getattr(record(self), n) != getattr(usual, n) for n in names
-        }
-        known = {n: text for n, text in self.sources.items() if not text.startswith(UNKNOWN)}
-        text = f"preset {self.name}"
-        return {n: self.sources.get(n, text) for n, new in own.items() if new or n in known}
+        share = lift_off_speed(robot, motor) / lift_off_speed(TABLE_I, TABLE_II)
+        steering = {} if share == 1.0 else proportional(STEERING, share)
+        return CoSimConfig(preset=self.name).merged(steering, tree)
 
     def board(self, scenario: Scenario) -> Scenario:
         """Return a scenario with robots of the diameter that it states, by default the machine's.
@@ -98,10 +78,11 @@ class Preset(NamedTuple):
         A machine that states nothing of its size, such as the paper's, has any diameter: feet and
         motors are scaled, see `CoSimConfig.sized`.
         """
-        stated_m, own_m = scenario.robot_diameter_m, self.robot.diameter_m
+        stated_m = scenario.robot_diameter_m
+        own_m, _ = self.tree.get("diameter_m", (TABLE_I.diameter_m, ""))
         if stated_m is None and own_m != scenario.diameter_m:
             return replace(scenario, robot_diameter_m=own_m)
-        size = [n for n in self.stated_sources("robot") if n in _SIZE]
+        size = [n for n in self.tree if n in _SIZE]
         if scenario.diameter_m != own_m and size:
             raise UserError(
                 f"preset {self.name} states {' and '.join(size)} of a machine of diameter_m = "
@@ -110,38 +91,18 @@ class Preset(NamedTuple):
             )
         return scenario
 
-    def in_world(self, world: World) -> World:
-        """A world with the machine's values; explicit values of the world override them."""
-        brought = {
-            name: getattr(self.world, name)
-            for name in (*WORLD_FIELDS, "sensor")
-            if getattr(world, name) is None
-        }
-        return msgspec.structs.replace(world, **brought)
-
     def save(self, path: str | Path) -> None:
         """Write a file that `find_preset` reads: what the machine states, with sources."""
-        with replacing(require_suffix(path, ".toml")) as temporary:
-            temporary.write_text("\n".join(self._lines()) + "\n", encoding="utf-8")
-
-    def _lines(self) -> Iterator[str]:
-        yield f"source = {_text(self.source)}"
-        for table, (record, _, names) in _TABLES.items():
-            mine, said = record(self), self.stated_sources(table)
-            own = {n: said[name] for n in names if (name := parameter_name(table, n)) in said}
+        lines = [f"source = {_text(self.source)}"]
+        for table, fields in FIELDS.items():
+            names = {field: parameter_name(table, field) for field in fields}
+            own = {field: self.tree[name] for field, name in names.items() if name in self.tree}
             if own:
-                yield from ("", f"[{table}]")
-                yield from (f"{name} = {float(getattr(mine, name))!r}" for name in own)
-                yield from ("", f"[{table}.source]")
-                yield from (f"{name} = {_text(text)}" for name, text in own.items())
-
-
-_TABLES = {
-    "robot": (lambda preset: preset.robot, TABLE_I, RobotParams._fields),
-    "motor": (lambda preset: preset.motor, TABLE_II, MotorParams._fields),
-    "world": (lambda preset: preset.world, IDEAL, WORLD_FIELDS),
-    "world.sensor": (lambda preset: preset.world.camera, Sensor(), Sensor.__struct_fields__),
-}
+                lines += ["", f"[{table}]", *(f"{n} = {float(v)!r}" for n, (v, _) in own.items())]
+                texts = (f"{name} = {_text(text)}" for name, (_, text) in own.items())
+                lines += ["", f"[{table}.source]", *texts]
+        with replacing(require_suffix(path, ".toml")) as temporary:
+            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def built_in() -> list[str]:
@@ -150,11 +111,7 @@ def built_in() -> list[str]:
 
 
 def find_preset(name_or_path: str | Path | Preset) -> Preset:
-    """Built-in preset of that name, or the one in a TOML file.
-
-    Args:
-        name_or_path: `paper`, `icra2006`, `thesis`, or a file (.toml); a record is returned as it
-            is.
+    """Built-in preset of that name, or the one in a TOML file; a record is returned as it is.
 
     Raises:
         UserError: there is none, it is no TOML, or no such machine can be; the message names the
@@ -172,74 +129,36 @@ def find_preset(name_or_path: str | Path | Preset) -> Preset:
             f"unknown preset '{name}'; choose one of {', '.join(built_in())} or name a .toml file"
         )
     content = read_toml(path, _FILE)
-    try:
+    with naming(path):
         preset = _preset(path.stem, content)
-        preset.config()
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from None
+        preset.config()  # which validates it
     return preset
 
 
-def _steering(share: float) -> SteeringParams:
-    """The paper's steering with a share of its motor speeds."""
-    speeds = [name for name in STEERING._fields if name.endswith("_speed_rad_s")]
-    return STEERING._replace(**{name: share * getattr(STEERING, name) for name in speeds})
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    source: str = ""
+    robot: dict[str, Any] = {}
+    motor: dict[str, Any] = {}
+    world: dict[str, Any] = {}
 
 
-def _preset(name: str, file: dict[str, Any]) -> Preset:
-    rest = dict(file)
-    source = rest.pop("source", "")
-    if not isinstance(source, str):
-        raise UserError("source: give a text")
-    tables = {table: _taken(rest, table) for table in ("robot", "motor", "world")}
-    _refuse_unknown("", rest, ("source", "robot", "motor", "world"))
-    tables["world.sensor"] = _taken(tables["world"], "sensor", "world.")
-    values: dict[str, dict[str, float]] = {}
-    sources: dict[str, str] = {}
-    for table, content in tables.items():
-        said = content.pop("source", {})
-        _refuse_unknown(f"{table}.", content, _TABLES[table][2])
-        texts = dict.fromkeys(content, said) if isinstance(said, str) else said
-        if not isinstance(texts, dict) or not all(isinstance(t, str) for t in texts.values()):
-            raise UserError(f"{table}.source: give a text, or a table with a text for each value")
-        _refuse_unknown(f"{table}.source.", texts, tuple(content))
-        values[table] = {field: _number(f"{table}.{field}", v) for field, v in content.items()}
-        texts = dict.fromkeys(content, f"preset {name}") | texts
-        sources |= {parameter_name(table, field): text for field, text in texts.items()}
-    brought: dict[str, Any] = values["world"]
-    return Preset(
-        name,
-        source,
-        TABLE_I._replace(**values["robot"]),
-        TABLE_II._replace(**values["motor"]),
-        World(sensor=Sensor(**camera) if (camera := values["world.sensor"]) else None, **brought),
-        sources,
+def _preset(name: str, content: dict[str, Any]) -> Preset:
+    file = validate_argument("", content, _File)
+    tables = {"robot": file.robot, "motor": file.motor, "world": file.world}
+    tables["world.sensor"] = validate_argument(
+        "world.sensor", file.world.pop("sensor", {}), dict[str, Any]
     )
-
-
-def _taken(content: dict[str, Any], table: str, where: str = "") -> dict[str, Any]:
-    """A table that is taken out of another one."""
-    taken = content.pop(table, {})
-    if not isinstance(taken, dict):
-        raise UserError(f"{where}{table}: give a table [{where}{table}]")
-    return dict(taken)
-
-
-def _refuse_unknown(where: str, content: Mapping[str, Any], known: tuple[str, ...]) -> None:
-    for name in content:
-        if name not in known:
-            raise UserError(
-                f"{where}{name} is unknown to presets; choose from {', '.join(known) or 'nothing'}"
-            )
-
-
-def _number(field: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise UserError(f"{field} = {value!r} is not a number; give one")
-    try:
-        return float(value)
-    except OverflowError:
-        raise UserError(f"{field} is larger than any float; give a smaller number") from None
+    tree: dict[str, tuple[Any, str]] = {}
+    for table, values in tables.items():
+        texts = validate_argument(f"{table}.source", values.pop("source", {}), str | dict[str, str])
+        texts = dict.fromkeys(values, texts) if isinstance(texts, str) else texts
+        require_names(f"{table}.", values, FIELDS[table])
+        require_names(f"{table}.source.", texts, list(values))
+        tree |= {
+            parameter_name(table, field): (value, texts.get(field, f"preset {name}"))
+            for field, value in values.items()
+        }
+    return Preset(name, file.source, tree)
 
 
 def _text(text: str) -> str:

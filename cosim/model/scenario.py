@@ -11,9 +11,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 
 from cosim.base.arguments import validate_fields
 from cosim.base.errors import UserError
@@ -24,9 +25,9 @@ from cosim.model.world import Rectangle
 Cell = tuple[int, int]
 
 MAX_SIDE_CELLS = 500  # a robot's table of such a board takes 72 MB
-MAX_CELL_M = 1.0
 MAX_ROBOTS = 4096  # of which state and samples take some 0.5 GB
 MAX_WALLS = 1000  # rectangles that the dynamics look at one by one
+Side = Annotated[int, Meta(ge=1, le=MAX_SIDE_CELLS)]  # of a board, in cells
 
 
 def touches_obstacle(x: Any, y: Any, squared_radius: Any, obstacles: np.ndarray) -> Any:
@@ -84,16 +85,16 @@ class Scenario:
     title: str
     targets: tuple[Cell, ...]
     starts: tuple[tuple[Cell, ...], ...]
-    columns: int = 30
-    rows: int = 30
-    cell_m: float = 0.01
+    columns: Side = 30
+    rows: Side = 30
+    cell_m: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.01
     zone: Rectangle = (12, 12, 18, 18)
     obstacles: tuple[Cell, ...] = ()
     robot_diameter_m: float | None = None
     zone_is_obstacle: bool = False
 
     def __post_init__(self) -> None:
-        validate_fields(self)
+        validate_fields(self, f"scenario {self.name}: ")
         self._check_sizes()
         if len(self.targets) != len(self.starts) or not 1 <= self.robots <= MAX_ROBOTS:
             raise UserError(
@@ -126,26 +127,18 @@ class Scenario:
 
     def _check_sizes(self) -> None:
         left, bottom, right, top = self.zone
-        sized = {"robot_diameter_m": self.diameter_m}
-        checks = {
-            "name": (re.fullmatch(r"[\w.-]+", self.name), "letters, digits, '.', '-' and '_'"),
-            "columns": (1 <= self.columns <= MAX_SIDE_CELLS, f"1 to {MAX_SIDE_CELLS} cells"),
-            "rows": (1 <= self.rows <= MAX_SIDE_CELLS, f"1 to {MAX_SIDE_CELLS} cells"),
-            "cell_m": (0 < self.cell_m <= MAX_CELL_M, f"a length in m up to {MAX_CELL_M:g}"),
-            "robot_diameter_m": (
-                0 < self.diameter_m <= MAX_SIDE_CELLS * self.cell_m,
-                f"a length in m up to that of {MAX_SIDE_CELLS} cells",
-            ),
-            "zone": (
-                0 <= left <= right < self.columns and 0 <= bottom <= top < self.rows,
-                "[first column, first row, last column, last row] on the board",
-            ),
-        }
-        for field, (valid, expected) in checks.items():
+        most_m = MAX_SIDE_CELLS * self.cell_m
+        on_board = 0 <= left <= right < self.columns and 0 <= bottom <= top < self.rows
+        for field, valid, value, expected in (
+            ("name", re.fullmatch(r"[\w.-]+", self.name), self.name, "letters, digits and . - _"),
+            ("robot_diameter_m", 0 < self.diameter_m <= most_m, self.diameter_m,
+             f"a length in m up to that of {MAX_SIDE_CELLS} cells"),
+            ("zone", on_board, self.zone,
+             "[first column, first row, last column, last row] on the board"),
+        ):  # fmt: skip
             if not valid:
                 raise UserError(
-                    f"scenario {self.name}: {field} = {(vars(self) | sized)[field]} is not usable; "
-                    f"give {expected}"
+                    f"scenario {self.name}: {field} = {value} is not usable; give {expected}"
                 )
 
     def _check_obstacles(self, fields: dict[str, tuple[Cell, ...]]) -> None:
@@ -268,6 +261,30 @@ class Scenario:
         if not self.zone_is_obstacle:
             del geometry["zone_is_obstacle"]  # as before there was this field
         return digest_of(geometry)
+
+
+def sides(columns: int, rows: int) -> dict[str, tuple[Cell, ...]]:
+    """Cells along each side of a board, and along all of them."""
+    cells = tuple((x, y) for y in range(rows) for x in range(columns))
+    return {
+        "top": tuple(c for c in cells if c[1] == rows - 1),
+        "bottom": tuple(c for c in cells if c[1] == 0),
+        "left": tuple(c for c in cells if c[0] == 0),
+        "right": tuple(c for c in cells if c[0] == columns - 1),
+        "border": tuple(c for c in cells if c[0] in {0, columns - 1} or c[1] in {0, rows - 1}),
+    }
+
+
+def filled(*rectangles: Rectangle) -> tuple[Cell, ...]:
+    """Cells of rectangles, each once, in their order, row by row."""
+    return tuple(
+        dict.fromkeys(
+            (x, y)
+            for left, bottom, right, top in rectangles
+            for y in range(bottom, top + 1)
+            for x in range(left, right + 1)
+        )
+    )
 
 
 def touching_pair(cells: Sequence[Cell], squared_contact: int) -> tuple[int, int] | None:

@@ -5,7 +5,6 @@ no two can touch. Density does not depend on their number, so neither does what 
 """
 
 import math
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,12 +13,9 @@ import numpy as np
 
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, parsing, read_bytes
-from cosim.model.built_in import filled
-from cosim.model.params import TABLE_I
-from cosim.model.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario
+from cosim.model.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Side, filled
 
 FORMATIONS = ("swap", "across", "square")
-BUILT_IN_SWARMS = {f"swarm-{robots}": robots for robots in (16, 64, 256, 1024)}
 _TARGETS = Kind("file of target cells", "write a line `column,row` for each robot")
 
 
@@ -36,7 +32,7 @@ class Swarm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     robots: Annotated[int, msgspec.Meta(ge=1, le=MAX_ROBOTS)]
-    spacing: Annotated[int, msgspec.Meta(ge=1, le=MAX_SIDE_CELLS)] = 12
+    spacing: Side = 12
     targets: str | list[Cell] = "swap"
 
 
@@ -49,11 +45,7 @@ def lay_out(
 ) -> dict[str, Any]:
     """Return columns, rows, targets and starts of a swarm's `Scenario`, by name.
 
-    Args:
-        swarm: number, spacing and formation.
-        diameter_cells: of every robot.
-        columns, rows: of the board; by default as many as the swarm needs.
-        folder: of a file of targets.
+    The board is by default as large as the swarm needs; a file of targets is in `folder`.
     """
     count, spacing = swarm.robots, swarm.spacing
     least = math.floor(diameter_cells + 1e-9) + 1  # at which robots do not touch
@@ -116,11 +108,3 @@ def _read_targets(name: str, folder: Path) -> np.ndarray:
                     raise ValueError(f"line {number} has {len(parts)} numbers")
                 cells.append(parts)
     return np.array(cells).reshape(-1, 2)
-
-
-@cache
-def built_in_swarm(name: str) -> Scenario:
-    """One of `BUILT_IN_SWARMS`: neighbours change places."""
-    robots = BUILT_IN_SWARMS[name]
-    title = f"{robots} robots, neighbours of a row change places"
-    return Scenario(name, title, **lay_out(Swarm(robots), TABLE_I.diameter_m / Scenario.cell_m))

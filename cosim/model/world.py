@@ -4,10 +4,11 @@ A `World` is what the table `[world]` of a file declares; the default is the pap
 from episode to episode is drawn from it with the episode's seed.
 """
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from cosim.base.arguments import validate_fields
 from cosim.base.errors import UserError
@@ -23,54 +24,57 @@ _WORLD_CHILD, CAMERA_CHILD = 1_000_000, 2_000_000  # of the camera's noise, the 
 DETOUR_CHILD = 3_000_000
 
 
-class _Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    def _require(self, where: str, **ranges: tuple[float, float]) -> None:
-        for name, (low, high) in ranges.items():
-            value = getattr(self, name)
-            if value is not None and not low <= value <= high:
-                raise UserError(
-                    f"{where}.{name} = {value:g} is not usable; give {low:g} to {high:g}"
-                )
+Tree = dict[str, tuple[Any, str]]  # values of parameters and their sources, by name
+_Friction = Annotated[float, Meta(ge=0.0, le=10.0)]
+_Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+_Angle = Annotated[float, Meta(ge=-360.0, le=360.0)]
+_Offset = Annotated[float, Meta(ge=-1000.0, le=1000.0)]
 
 
-class Patch(_Record, frozen=True, forbid_unknown_fields=True):
+def tree_of(source: str, /, **values: Any) -> Tree:
+    """Return values of parameters, by name, with one source; None is none."""
+    return {name: (value, source) for name, value in values.items() if value is not None}
+
+
+class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Cells of the floor with a friction coefficient of their own; later patches cover earlier."""
 
     cells: Rectangle
-    mu: float
+    mu: _Friction
 
     def __post_init__(self) -> None:
-        validate_fields(self)
-        self._require("world.mu_patches", mu=(0.0, 10.0))
+        validate_fields(self, "world.mu_patches.")
 
 
-class Sensor(_Record, frozen=True, forbid_unknown_fields=True):
+class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The camera over the board; at a rate of 0 poses are known exactly, every control period."""
 
     rate_hz: Annotated[
-        float, Quantity("Hz", "ideal", "frames of the camera per second, 0: exact poses")
+        float,
+        Meta(ge=0.0, le=1000.0),
+        Quantity("Hz", "ideal", "frames of the camera per second, 0: exact poses"),
     ] = 0.0
-    delay_ms: Annotated[float, Quantity("ms", "ideal", "from a frame to its poses")] = 0.0
+    delay_ms: Annotated[
+        float, Meta(ge=0.0, le=2000.0), Quantity("ms", "ideal", "from a frame to its poses")
+    ] = 0.0
     position_noise_mm: Annotated[
-        float, Quantity("mm", "ideal", "standard deviation of x and of y in a frame")
+        float,
+        Meta(ge=0.0, le=100.0),
+        Quantity("mm", "ideal", "standard deviation of x and of y in a frame"),
     ] = 0.0
     heading_noise_deg: Annotated[
-        float, Quantity("deg", "ideal", "standard deviation of the heading in a frame")
+        float,
+        Meta(ge=0.0, le=90.0),
+        Quantity("deg", "ideal", "standard deviation of the heading in a frame"),
     ] = 0.0
     dropout: Annotated[
-        float, Quantity("1", "ideal", "share of the frames in which a robot is not found")
+        float,
+        Meta(ge=0.0, le=0.99),
+        Quantity("1", "ideal", "share of the frames in which a robot is not found"),
     ] = 0.0
 
     def __post_init__(self) -> None:
-        validate_fields(self)
-        self._require(
-            "world.sensor",
-            rate_hz=(0.0, 1000.0),
-            delay_ms=(0.0, 2000.0),
-            position_noise_mm=(0.0, 100.0),
-            heading_noise_deg=(0.0, 90.0),
-            dropout=(0.0, 0.99),
-        )
+        validate_fields(self, "world.sensor.")
         for name in self.__struct_fields__:
             if self.rate_hz == 0.0 and getattr(self, name):
                 raise UserError(
@@ -81,7 +85,7 @@ class Sensor(_Record, frozen=True, forbid_unknown_fields=True):
 _NO_CAMERA = Sensor()
 
 
-class World(_Record, frozen=True, forbid_unknown_fields=True):
+class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A world as declared; None where the machine's value applies.
 
     >>> import minirobots as mr
@@ -101,21 +105,34 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
         edge: by default the board is a part of a larger floor, and feet beyond it stand.
     """
 
-    mu: float | None = None
-    mu_patches: tuple[Patch, ...] = ()
+    mu: _Friction | None = None
+    mu_patches: Annotated[
+        tuple[Patch, ...],
+        Meta(max_length=_MAX_PATCHES),
+        Quantity("", "default", "cells with another mu"),
+    ] = ()
     motor_spread: Annotated[
-        float | None, Quantity("1", "ideal", "relative standard deviation of K_T, R, J and m r")
+        Annotated[float, Meta(ge=0.0, le=0.3)] | None,
+        Quantity("1", "ideal", "relative standard deviation of K_T, R, J and m r"),
     ] = None
-    motor_speed_noise: float | None = None
+    motor_speed_noise: _Share | None = None
     restitution: Annotated[
-        float | None, Quantity("1", "ideal", "Newton's impact law at the feet")
+        _Share | None, Quantity("1", "ideal", "Newton's impact law at the feet")
     ] = None
-    floor_tilt_deg: Annotated[float, Quantity("deg", "ideal", "slope of the floor")] = 0.0
-    payload_g: Annotated[
-        float, Quantity("g", "ideal", "on every robot, at the height of its centre of mass")
+    floor_tilt_deg: Annotated[
+        float, Meta(ge=0.0, le=20.0), Quantity("deg", "ideal", "slope of the floor")
     ] = 0.0
-    payload_offset_mm: tuple[float, float] = (0.0, 0.0)
-    motor_phases_deg: tuple[float, ...] = ()
+    payload_g: Annotated[
+        float,
+        Meta(ge=0.0, le=1000.0),
+        Quantity("g", "ideal", "on every robot, at the height of its centre of mass"),
+    ] = 0.0
+    payload_offset_mm: Annotated[
+        tuple[_Offset, _Offset], Quantity("", "default", "forwards and to the left")
+    ] = (0.0, 0.0)
+    motor_phases_deg: Annotated[
+        tuple[_Angle, ...], Quantity("", "default", "initial phases of the motors")
+    ] = ()
     sensor: Sensor | None = None
     obstacles: tuple[tuple[int, ...], ...] = ()
     edge: Annotated[bool, Quantity("", "ideal", "whether there is no floor beyond the board")] = (
@@ -123,40 +140,20 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
     )
 
     def __post_init__(self) -> None:
-        validate_fields(self)
-        self._require(
-            "world",
-            mu=(0.0, 10.0),
-            motor_spread=(0.0, 0.3),
-            motor_speed_noise=(0.0, 1.0),
-            restitution=(0.0, 1.0),
-            floor_tilt_deg=(0.0, 20.0),
-            payload_g=(0.0, 1000.0),
-        )
-        if len(self.mu_patches) > _MAX_PATCHES:
-            raise UserError(
-                f"world.mu_patches has {len(self.mu_patches)} patches, more than {_MAX_PATCHES}; "
-                "join or leave out some"
-            )
-        for name, most in (("motor_phases_deg", 360.0), ("payload_offset_mm", 1000.0)):
-            for value in getattr(self, name):
-                if not -most <= value <= most:
-                    raise UserError(
-                        f"world.{name} has {value:g}, which is not usable; give {-most:g} to "
-                        f"{most:g}"
-                    )
+        validate_fields(self, "world.")
         if any(self.payload_offset_mm) and not self.payload_g:
             raise UserError(
                 "world.payload_offset_mm has no effect without a payload; give payload_g"
             )
 
-    @property
-    def stated(self) -> list[str]:
-        """Return the names in `CoSimConfig.table` of the values that this world states."""
+    def tree(self, source: str = "world") -> Tree:
+        """Return the values that this world states but for obstacles, with their source."""
         names = [n for n in self.__struct_fields__ if getattr(self, n) != getattr(IDEAL, n)]
-        own = [parameter_name("world", n) for n in names if n not in ("sensor", "obstacles")]
-        sensor = Sensor.__struct_fields__ if self.sensor else ()
-        return own + [parameter_name("world.sensor", n) for n in sensor]
+        own = {n: getattr(self, n) for n in names if n not in ("sensor", "obstacles")}
+        camera = {} if self.sensor is None else msgspec.structs.asdict(self.sensor)
+        found = {parameter_name("world", name): value for name, value in own.items()}
+        found |= {parameter_name("world.sensor", name): value for name, value in camera.items()}
+        return tree_of(source, **found)
 
     @property
     def draws(self) -> bool:
@@ -168,21 +165,12 @@ class World(_Record, frozen=True, forbid_unknown_fields=True):
         """The camera; exact poses where nothing is said of one."""
         return self.sensor or _NO_CAMERA
 
-    def filled(self) -> "World":
-        """Return this world with ideal values for what a machine could have brought along."""
-        return msgspec.structs.replace(
-            self,
-            motor_spread=self.motor_spread or 0.0,
-            restitution=self.restitution or 0.0,
-            sensor=self.camera,
-        )
-
 
 IDEAL = World()  # the paper's
 
 
 def parameter_name(table: str, name: str) -> str:
-    """Return what `CoSimConfig.table` calls a field of a table of a preset or a world."""
+    """Return the parameter that a field of a table of a preset or a world is."""
     if table == "world.sensor":
         return f"sensor_{name}"
     return "relative_amplitude" if name == "motor_speed_noise" else name

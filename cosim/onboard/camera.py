@@ -78,8 +78,6 @@ def update_estimate(
         estimate: of the robot, layout in `cosim.onboard.estimation`.
         sight: (M, NOISE) of frames since it was drawn.
         pose: the true one.
-        params: of the filter.
-        portable: whether the bits are the same on every machine, see `cosim.physics.trig`.
     """
     if camera[INTERVAL] == 0.0:
         estimate[POSE], estimate[POSE + 1], estimate[POSE + 2] = pose

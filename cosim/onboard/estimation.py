@@ -106,16 +106,9 @@ def take_command(
     params: EstimatorParams,
     portable: bool = False,
 ) -> None:
-    """Add up the commanded motion.
+    """Add up the commanded motion of a control period: m/s along the heading, rad/s, and s.
 
-    Args:
-        estimate: of the robot, see the layout.
-        speed: along the heading, m/s.
-        yaw_rate: in rad/s.
-        driven: whether a motor has a set point.
-        seconds: length of the control period.
-        params: how long robots move on after a stop.
-        portable: whether the bits are the same on every machine, see `cosim.physics.trig`.
+    `driven` says whether a motor has a set point.
     """
     estimate[_STILL] = 0.0 if driven else estimate[_STILL] + seconds
     if estimate[_STILL] < params.settle_s:
@@ -142,12 +135,8 @@ def correct(
     """Take a frame that has arrived.
 
     Args:
-        estimate: of the robot, see the layout.
-        seen: pose in the frame.
         reference: `odometry` when it was taken.
         position_variance, heading_variance: of the camera, m² and rad².
-        params: how much robots stray from what is commanded.
-        portable: see `take_command`.
     """
     motion = _between(odometry(estimate, _REFERENCE), reference, portable)
     _predict(estimate, _STATE, motion, params, portable)

@@ -68,8 +68,6 @@ def observe(
     Args:
         positions_m: (N, 2) centres of the robots.
         headings_rad: (N,) counter-clockwise from +x.
-        cell_m: edge of a cell.
-        thresholds: of the distance classes.
         squared_before: (N,) int64, `nearest_squared` at each robot's previous decision.
         targets: (N, 2) int64, target cell of each robot.
     """

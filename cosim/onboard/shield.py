@@ -75,12 +75,8 @@ def guard(
         estimates: (B, ESTIMATE_SIZE), see `cosim.onboard.estimation`.
         shields: (B, SHIELD_SIZE), see the layout; changed.
         first: column of the episode's first robot; the others follow.
-        robots: their number.
         ground: where they may not go.
         near_robots, near_targets, near_zone: (LISTS, B) int64, room for `cosim.physics.neighbours`.
-        diameter_m: of every robot.
-        params: what to keep.
-        portable: whether the bits are the same on every machine, see `cosim.physics.trig`.
     """
     # What is beyond the gap leaves more room than any robot is stopped for, see `stopping_gap`.
     variance = 0.0

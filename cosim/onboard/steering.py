@@ -60,8 +60,6 @@ def steer(
         x, y: position in m.
         heading: in rad.
         period_s: length of the control period in s.
-        params: gains and speeds.
-        portable: whether the bits are the same on every machine, see `cosim.physics.trig`.
     """
     command[SPEED] = command[YAW_RATE] = 0.0
     if command[MODE] == HOLD:

@@ -112,7 +112,6 @@ def permitted(
     """The permitted direction of a robot, given its desired one.
 
     Args:
-        board: cells, obstacles and diameter of the robots.
         positions: (N, 2) centres of the robots in m.
         goals: (N, 2) end of each robot's move in m, NaN for a robot that stands.
         robot: that decides; it stands.

@@ -175,7 +175,6 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
 
     Args:
         body: before.
-        params: constants of the robot.
         force: applied force without gravity and contacts, body frame, N.
         moment: applied moment about the axis at the height of the centre of mass, body frame, N m.
     """

@@ -48,12 +48,9 @@ def find_near_pairs(
     Args:
         bodies: (STATE_SIZE, B).
         first: column of the episode's first robot; the others follow.
-        robots: their number.
         board: (2,) extent of the board in m.
         lists: (LISTS, B) int64, room for `cosim.physics.neighbours`.
-        pair: contact parameters.
         near: (P, 2) int64, columns of pairs, written from row `count` on.
-        count: pairs written before.
 
     Returns:
         Number of pairs written until now.
@@ -86,9 +83,6 @@ def push_apart(
     Args:
         bodies: (STATE_SIZE, B).
         properties: (PROPERTIES, B), see `cosim.physics.properties`.
-        a, b: columns of the robots.
-        pair: contact parameters.
-        inverse_dt: of the tick, 1/s.
 
     Returns:
         The normal impulse in N s, 0 if they do not touch.
@@ -133,11 +127,8 @@ def find_near_obstacles(
 
     Args:
         bodies: (STATE_SIZE, B).
-        column: of the robot.
         obstacles: (M, 4) rectangles left, bottom, right, top in m.
-        pair: contact parameters.
         near: (P, 2) int64, column and obstacle, written from row `count` on.
-        count: rows written before.
 
     Returns:
         Number of rows written until now.
@@ -174,8 +165,6 @@ def push_off(
         properties: (PROPERTIES, B), see `cosim.physics.properties`.
         column: of the robot; its centre is not in the obstacle.
         rectangle: left, bottom, right, top in m.
-        pair: contact parameters.
-        inverse_dt: of the tick, 1/s.
 
     Returns:
         The normal impulse in N s, 0 if they do not touch.

@@ -50,7 +50,6 @@ def list_by_cells(
         lists: (LISTS, B) int64, written in the columns of the episode.
         xs, ys: (B,) places in m; those off the board count to the cells at its edge.
         first: column of the episode's first place; the others follow.
-        count: their number.
         board: (2,) extent of the board in m.
         reach: distance in m within which places are to be found.
 

@@ -117,7 +117,6 @@ def gravity(
         world: with the slope.
         drawn: with its direction.
         g: its amount.
-        portable: whether the bits are the same on every machine, see `cosim.physics.trig`.
     """
     sine, down = sine_and_cosine(math.radians(world.floor_tilt_deg), portable)
     aside, ahead = sine_and_cosine(math.radians(drawn.tilt_direction_deg), portable)
@@ -126,8 +125,18 @@ def gravity(
 
 
 @inlined
+def feet_of(body: BodyParams) -> tuple[Vector, Vector, Vector]:
+    """Positions of feet A, B, C."""
+    return body.contact.a, body.contact.b, body.contact.c
+
+
+@inlined
 def read_params(
-    properties: np.ndarray, column: int, width: Width, common: BodyParams
+    properties: np.ndarray,
+    column: int,
+    width: Width,
+    common: BodyParams,
+    feet: tuple[Vector, Vector, Vector],
 ) -> BodyParams:
     """Constants of the robots from a column of (PROPERTIES, B) on, one for every lane.
 
@@ -135,9 +144,9 @@ def read_params(
         properties: layout above.
         column: of the first robot.
         width: how many robots.
-        common: what they share: step, feet, bound on the sweeps.
+        common: what they share: step, bound on the sweeps.
+        feet: positions of A, B, C.
     """
-    feet = common.contact
     x, y = load(properties, CENTRE, column, width), load(properties, CENTRE + 1, column, width)
     restitution = load(properties, RESTITUTION, column, width)
     return BodyParams(
@@ -154,15 +163,15 @@ def read_params(
         common.dt,
         common.inverse_dt,
         ContactParams(
-            feet.a,
-            feet.b,
-            feet.c,
+            feet[0],
+            feet[1],
+            feet[2],
             read_vector(properties, MU, column, width),
             load(properties, STEP_NORMAL, column, width),
             load(properties, STEP_TANGENTIAL, column, width),
             load(properties, SPIN_INERTIA, column, width),
             load(properties, TOLERANCE, column, width),
-            feet.max_sweeps,
+            common.contact.max_sweeps,
         ),
     )
 
@@ -192,7 +201,6 @@ def feel_patches(
     Args:
         properties: (PROPERTIES, B), layout above; rows MU change.
         bodies: (STATE_SIZE, B), layout in `cosim.physics.body_state`.
-        column: of the robot.
         patches: (P, 5) left, bottom, right, top in m, and mu; later ones cover earlier ones.
         common: with the feet.
     """

@@ -88,7 +88,6 @@ def heading(q: Quaternion, portable: bool = False) -> float:
 
     Args:
         q: orientation.
-        portable: whether the bits are the same on every machine, see `cosim.physics.trig`.
     """
     w, x, y, z = q
     return angle_of(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z), portable)

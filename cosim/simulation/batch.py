@@ -16,7 +16,6 @@ import numpy as np
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.errors import UserError, shorten
 from cosim.coupling.assembly import (
-    MOTOR_NAMES,
     Motors,
     check_motors,
     new_plant,
@@ -33,6 +32,7 @@ from cosim.coupling.master import (
 )
 from cosim.coupling.rl_step import SAMPLED, Step
 from cosim.coupling.signals import (
+    MOTORS,
     RawSamples,
     Samples,
     State,
@@ -104,13 +104,9 @@ class Batch:
         driver: str = "compiled",
         lanes: int | None = None,
     ) -> None:
-        """Prepare the places.
+        """Prepare K places for episodes of N robots, with a configuration unless given another.
 
         Args:
-            motor_fmu: of every motor.
-            config: of episodes that are begun without one.
-            robots: N.
-            places: K.
             driver: one of DRIVERS.
             lanes: bodies in a vector of a driver of IN_LANES, a power of two; by default 2 for up
                 to two robots, else what the processor has: every number is compiled on its own.
@@ -151,11 +147,8 @@ class Batch:
     ) -> RunningEpisode:
         """Begin an episode, motors at rest; one that was there is given up.
 
-        Args:
-            place: from 0 to K − 1.
-            scenario, starts, seed, sampled: see `RunningEpisode`.
-            config: of the episode, see `shared`; default the batch's.
-            kind: class of the episode.
+        Its configuration is by default the batch's, see `shared`; the rest is as of
+        `RunningEpisode`.
         """
         config = config or self.config
         if shared(config) != shared(self.config):
@@ -220,14 +213,11 @@ class Batch:
         return steps
 
     def stretches(self) -> Iterator[tuple[Samples, RawSamples]]:
-        """Simulate one RL step of all running episodes by the commands in `state`.
-
-        The step is not judged. Errors are those of `advance`.
+        """Simulate one RL step of all running episodes by the commands in `state`, not judged.
 
         Yields:
             Samples of all columns in a stretch of the step, written again in the next one. Each
-            episode did `state.periods` control periods of it. Samples of many robots are taken in
-            several stretches.
+            episode did `state.periods` control periods of it. Many robots have several stretches.
         """
         state, going_on = self.state, self.going_on()
         if not going_on:
@@ -239,7 +229,9 @@ class Batch:
         state.cameras[:, SIGHT] = 0.0
         for (place, episode), count in zip(going_on.items(), frames, strict=True):
             episode.draw_camera(sight[:count, self._columns(place)])
-        noise, sighted = self._noise(going_on, periods), state._replace(sight=sight)
+        noise, sighted = np.zeros((periods, columns, MOTORS)), state._replace(sight=sight)
+        for place, episode in going_on.items():
+            noise[:, self._columns(place)] = episode.noise.draw(periods)
         stretch = min(-(-periods // -(-self.robots // SAMPLED)), periods)
         samples = new_samples(stretch, columns)
         burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
@@ -251,30 +243,18 @@ class Batch:
             try:
                 self._driver.advance(self._plant, sighted, part, samples, raw)
             except NotFiniteError as error:
-                raise self._named(error, going_on, begin_s) from None
+                place, robot = divmod(error.column, self.robots)
+                name, start_s = f"robot {robot + 1}", begin_s
+                if place in going_on:
+                    start_s = going_on[place].time_s
+                else:  # all lanes of a vector are computed
+                    name += " of a place without an episode"
+                end_s = start_s + (error.tick + 1) * self.config.timing.dt_s
+                raise error.locate(name, end_s) from None
             yield samples, raw
             for place, episode in going_on.items():
                 episode.pass_periods(int(state.periods[place]))
             raw = RawSamples(*(signal[:0] for signal in raw))
-
-    def _named(
-        self, error: NotFiniteError, going_on: dict[int, RunningEpisode], begin_s: float
-    ) -> NotFiniteError:
-        """Return an error that names the robot and the time."""
-        place, robot = divmod(error.column, self.robots)
-        name, start_s = f"robot {robot + 1}", begin_s
-        if place in going_on:
-            start_s = going_on[place].time_s
-        else:  # all lanes of a vector are computed
-            name += " of a place without an episode"
-        return error.locate(name, start_s + (error.tick + 1) * self.config.timing.dt_s)
-
-    def _noise(self, episodes: Mapping[int, RunningEpisode], periods: int) -> np.ndarray:
-        """(periods, B, 2), speed noise over the set points of episodes, by their places."""
-        noise = np.zeros((periods, self.state.bodies.shape[1], len(MOTOR_NAMES)))
-        for place, episode in episodes.items():
-            noise[:, self._columns(place)] = episode.noise.draw(periods)
-        return noise
 
     def going_on(self) -> dict[int, RunningEpisode]:
         """Running episodes, by place."""
@@ -296,7 +276,7 @@ class Batch:
     def compile(self) -> None:
         """Compile the kernels, or load them from the cache, by simulating nothing."""
         columns = self.state.bodies.shape[1]
-        noise = np.zeros((0, columns, len(MOTOR_NAMES)))
+        noise = np.zeros((0, columns, MOTORS))
         samples, raw = new_samples(0, columns), new_raw_samples(0, columns)
         self._driver.advance(self._plant, self.state, noise, samples, raw)
         # Arrays without rows would be contiguous, and compile another version.

@@ -57,17 +57,17 @@ class SupportsDrive(Protocol):
 
 def drives(policy: Any) -> bool:
     """Return whether a policy commands motors instead of choosing directions."""
-    known = [name for name in ("act", "drive") if callable(getattr(policy, name, None))]
-    if isinstance(policy, type) or not known:
-        raise ConfigError(
-            f"policy = {shorten(policy)} has no act(observation) and no drive(motion); give an "
-            'object that has one of them, such as agent.load("policy.npz")'
+    acts, commands = (callable(getattr(policy, name, None)) for name in ("act", "drive"))
+    if isinstance(policy, type) or acts == commands:
+        both = acts and commands and not isinstance(policy, type)
+        has = (
+            "act(observation) and drive(motion)" if both else "no act(observation) or drive(motion)"
         )
-    if len(known) == 2:
         raise ConfigError(
-            f"policy = {shorten(policy)} has act(observation) and drive(motion); leave one out"
+            f"policy = {shorten(policy)} has {has}; give an object that has one of them, such as "
+            'agent.load("policy.npz")'
         )
-    return known == ["drive"]
+    return commands
 
 
 def options_for(policy: Any, options: SimulationOptions) -> SimulationOptions:

@@ -76,10 +76,7 @@ class RunningEpisode:
         """Put the robots on their start cells, facing the board's centre row.
 
         Args:
-            scenario, config: of the episode.
-            state: of the co-simulation.
-            columns: those of the episode's robots.
-            starts: start cell of each robot.
+            state: of the co-simulation, in which the episode's robots have `columns`.
             seed: of the speed noise, of which every motor gets a child of its own, and of the
                 world.
             sampled: indices of the robots with kept signals; by default all of up to
@@ -156,6 +153,11 @@ class RunningEpisode:
         return self._arrived.copy()
 
     @property
+    def shield_stops(self) -> int:
+        """Moves that the shield has ended."""
+        return int(self._shields[:, STOPS].sum())
+
+    @property
     def awaiting(self) -> np.ndarray:
         """(N,) bool, robots that adopt an action next: they wait for one, or are late."""
         late = self._tick - self._moving_since >= self._move_limit
@@ -179,12 +181,7 @@ class RunningEpisode:
                 sight[:, robot] = draw_sight(sensor, rng, len(sight))
 
     def take(self, samples: Samples, raw: RawSamples, periods: int) -> None:
-        """Take a stretch of an RL step.
-
-        Args:
-            samples, raw: of all columns; written again afterwards if it is not the whole step.
-            periods: control periods that the episode went on.
-        """
+        """Take a stretch of an RL step: samples of all columns, which may be written again."""
         ticks = periods * self.config.ticks_per_period
         samples = Samples._make([signal[:periods, self._columns] for signal in samples])
         raw = RawSamples._make([signal[:ticks, self._columns] for signal in raw])
@@ -209,7 +206,6 @@ class RunningEpisode:
     def end_step(self) -> Step:
         """Determine the outcome of the simulation since the step began."""
         in_force, before = self._action.copy(), self.observation
-        first_tick, ticks = self._first_tick, self._tick - self._first_tick
         samples, raw, poses, first_m, _ = self._taken[0]
         if len(self._taken) > 1:
             of_all = list(zip(*self._taken, strict=True))
@@ -227,7 +223,7 @@ class RunningEpisode:
         self.outcome = self._judge(max(events.tolist()))
         step = Step(
             number=self._step,
-            first_tick=first_tick,
+            first_tick=self._first_tick,
             before=before,
             after=self.observation,
             action=in_force,
@@ -237,7 +233,7 @@ class RunningEpisode:
             raw=raw,
             events=events,
             outcome=self.outcome,
-            duration_s=ticks * self.config.timing.dt_s,
+            duration_s=(self._tick - self._first_tick) * self.config.timing.dt_s,
             moved_m=np.hypot(moved[:, 0], moved[:, 1]),
             sampled=self.sampled,
             poses=poses,
@@ -303,11 +299,6 @@ class RunningEpisode:
             others = self._detours.permutation(NEAREST_FIRST[1:])
             allowed = permitted(*asked, np.concatenate([NEAREST_FIRST[:1], others]))
         return allowed
-
-    @property
-    def shield_stops(self) -> int:
-        """Moves that the shield has ended."""
-        return int(self._shields[:, STOPS].sum())
 
     def _positions_m(self) -> np.ndarray:
         """Return the estimated positions of the robots, (N, 2)."""

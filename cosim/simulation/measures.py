@@ -63,16 +63,9 @@ class Measures:
             samples.voltage[::-1],
             samples.current[::-1],
             samples.touching_share[::-1],
-            self._period_s,
-            self._path_periods,
-            self._since_point,
-            self._last_m,
-            self._last_rad,
-            self.path_length_m,
-            self.rotation_rad,
-            self.energy_j,
-            self.regenerated_j,
-            self._boxes_m,
+            (self._period_s, self._path_periods, self._since_point),
+            (self._last_m, self._last_rad, self._boxes_m),
+            (self.path_length_m, self.rotation_rad, self.energy_j, self.regenerated_j),
         )
         self._since_point = (self._since_point + len(samples.position)) % self._path_periods
         self.min_distance_m = min(self.min_distance_m, least_m)
@@ -86,16 +79,9 @@ def _add(
     voltage: np.ndarray,
     current: np.ndarray,
     touching: np.ndarray,
-    period_s: float,
-    path_periods: int,
-    since_point: int,
-    last_m: np.ndarray,
-    last_rad: np.ndarray,
-    path_length_m: np.ndarray,
-    rotation_rad: np.ndarray,
-    energy_j: np.ndarray,
-    regenerated_j: np.ndarray,
-    boxes_m: np.ndarray,
+    clock: tuple[float, int, int],
+    memory: tuple[np.ndarray, ...],
+    sums: tuple[np.ndarray, ...],
 ) -> tuple[float, float]:
     """Add one RL step to what `Measures` has of each robot.
 
@@ -105,6 +91,9 @@ def _add(
     Returns:
         Smallest distance of two robots in m, and time in s in which any touched something.
     """
+    period_s, path_periods, since_point = clock
+    last_m, last_rad, boxes_m = memory
+    path_length_m, rotation_rad, energy_j, regenerated_j = sums
     periods, robots = touching.shape
     least = np.inf
     for i in range(robots):

@@ -2,31 +2,21 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import tyro
 
-from cosim.base.arguments import ConfigError, validate_fields, validate_unique
+from cosim.base.arguments import ConfigError, require_names, validate_fields, validate_unique
 from cosim.base.command import Count, MotorFmuFile, MotorParameters, Seed
 from cosim.base.progress import Progress, silent, under_way
-from cosim.model.config import (
-    GIVEN,
-    MAX_VALUE,
-    OF_MOTOR,
-    CoSimConfig,
-    Loop,
-    OnCollision,
-    whole_ratio,
-)
-from cosim.model.params import SHIELD, STEERING, MotorParams
+from cosim.model.config import GIVEN, OF_MOTOR, CoSimConfig, Loop, OnCollision, whole_ratio
+from cosim.model.params import SHIELD, STEERING, Amount, MotorParams, Positive
 from cosim.model.preset import PAPER, Preset, find_preset
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
-from cosim.model.world import IDEAL, World
-
-_MAY_BE_ZERO = ("mu", "noise")
+from cosim.model.world import IDEAL, Tree, World, tree_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,15 +27,15 @@ class Physics:
     """Machine: paper (Tables I and II), icra2006, thesis, or a file (.toml, see
     docs/validation.md). What a world says overrides what the machine brings along, and --mu and
     --noise before both. Robots have the machine's diameter, which no scenario may contradict."""
-    mu: float | None = None
+    mu: Amount | None = None
     """Coulomb friction coefficient of the feet on the floor (0.1 to 0.4 in the literature), 0.15 by
     default or as the preset says. Robots that touch each other have mu_robots of the preset."""
-    noise: float | None = None
+    noise: Amount | None = None
     """Half width of the uniform noise on measured motor speeds, relative to the set point; 0.05
     by default."""
-    dt: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    dt: Annotated[Positive | None, tyro.conf.arg(metavar="S")] = None
     """Integration step of the bodies in s; by default 1e-5 (Section V)."""
-    communication_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    communication_step: Annotated[Positive | None, tyro.conf.arg(metavar="S")] = None
     """Time between exchanges with the FMUs in s, a whole multiple of dt; by default dt."""
     reaction: bool = False
     """Let the motors feel the acceleration of the body, which the paper neglects."""
@@ -54,47 +44,43 @@ class Physics:
 
     def __post_init__(self) -> None:
         validate_fields(self, but=["preset"] if isinstance(self.preset, Preset) else [])
-        for name, value in vars(self).items():
-            number = isinstance(value, float)
-            if number and not (0.0 <= value <= MAX_VALUE and (value or name in _MAY_BE_ZERO)):
-                sign = "not negative" if name in _MAY_BE_ZERO else "positive"
-                raise ConfigError(
-                    f"{name} = {value} must be finite and {sign}, at most {MAX_VALUE:g}"
-                )
 
-    def config(self, world: World = IDEAL) -> CoSimConfig:
-        """Return parameters for robots of the preset's size in a world, not yet calibrated."""
-        said = {"mu": "mu", "noise": "motor_speed_noise"}
-        for option, field in said.items():
-            if getattr(self, option) is not None and getattr(world, field) is not None:
-                raise ConfigError(
-                    f"--{option} is given in addition to the world's {field}; leave one of them out"
-                )
-        preset = find_preset(self.preset)
-        given = validate_unique("motor_parameters", self.motor_parameters)
-        if given:
-            from cosim.coupling.fmu import INPUTS, OPEN_INPUTS  # noqa: PLC0415 - with fmpy
-
-            if inputs := given.keys() & {*INPUTS, *OPEN_INPUTS}:
-                raise ConfigError(
-                    f"motor_parameters names {min(inputs)}, which is set in every control period; "
-                    "name a parameter"
-                )
-        known = {name: value for name, value in given.items() if name in MotorParams._fields}
-        if known:
-            sources = {**preset.sources, **dict.fromkeys(known, OF_MOTOR)}
-            preset = preset._replace(motor=preset.motor._replace(**known), sources=sources)
-        config = preset.config(world).having(
+    def tree(self) -> Tree:
+        """Return the values that these options give, by their parameters' names."""
+        motors = validate_unique("motor_parameters", self.motor_parameters)
+        known = {name: value for name, value in motors.items() if name in MotorParams._fields}
+        return tree_of(OF_MOTOR, **known, motor_parameters=tuple(motors.items()) or None) | tree_of(
             GIVEN,
             mu=self.mu,
             relative_amplitude=self.noise,
             dt_s=self.dt,
             communication_step_s=self.communication_step or self.dt,
+            reaction=self.reaction or None,
         )
-        return replace(config, reaction=self.reaction, motor_parameters=tuple(given.items()))
+
+    def config(self, world: World = IDEAL, source: str = "world") -> CoSimConfig:
+        """Return parameters for robots of the preset's size in a world, not yet calibrated.
+
+        A parameter has the value of its option, else that of the world, which has `source`, else
+        that of the machine, else the default.
+        """
+        for option, field in {"mu": "mu", "noise": "motor_speed_noise"}.items():
+            if getattr(self, option) is not None and getattr(world, field) is not None:
+                raise ConfigError(
+                    f"--{option} is given in addition to the world's {field}; leave one of them out"
+                )
+        if self.motor_parameters:
+            from cosim.coupling.fmu import INPUTS, OPEN_INPUTS  # noqa: PLC0415 - with fmpy
+
+            if inputs := dict(self.motor_parameters).keys() & {*INPUTS, *OPEN_INPUTS}:
+                raise ConfigError(
+                    f"motor_parameters names {min(inputs)}, which is set in every control period; "
+                    "name a parameter"
+                )
+        return find_preset(self.preset).config(world.tree(source), self.tree())
 
     def board(self, scenario: Scenario) -> Scenario:
-        """Return a scenario with robots of the preset's size, see `Preset.board`."""
+        """See `Preset.board`."""
         return find_preset(self.preset).board(scenario)
 
     def fmu(self, progress: Progress = silent) -> Path:
@@ -110,13 +96,14 @@ class Physics:
         diameter_m: float | None = None,
         progress: Progress = silent,
         world: World = IDEAL,
+        source: str = "world",
     ) -> tuple[CoSimConfig, Path]:
-        """Calibrated parameters for robots in a world, and the motor FMU.
+        """Calibrated parameters for robots in a world, see `config`, and the motor FMU.
 
         The built-in FMU is compiled the first time, a calibration measured (some seconds each).
         Episodes of a scenario are prepared by `resolve`.
         """
-        config = self.config(world)
+        config = self.config(world, source)
         if diameter_m is not None:
             config = config.sized(diameter_m)
         fmu = self.fmu(progress)
@@ -135,18 +122,18 @@ PROMPT_RL_STEP_S = 0.1  # assumed: robots asked so often drive on by less than 0
 class DecisionOptions:
     """Options for the times of decisions, and whether robots stop for them."""
 
-    rl_step: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    rl_step: Annotated[Positive | None, tyro.conf.arg(metavar="S")] = None
     """Time between two decisions in s: by default the paper's 2, and 0.1 with --through."""
     through: bool = False
     """Let robots drive through the centre of a cell without stopping where the next direction is
     the same, asked when their move ends (within 0.1 s) instead of every 2 s. The methods fastest
     (of two robots) and planned use such moves."""
 
-    def deciding(self, config: CoSimConfig) -> CoSimConfig:
-        """A configuration with these decisions."""
+    def tree(self) -> Tree:
+        """Return the values that these options give, by their parameters' names."""
         prompt_s = PROMPT_RL_STEP_S if self.through and self.rl_step is None else None
-        config = replace(config, through=self.through).having(GIVEN, rl_step_s=self.rl_step)
-        return config.having("set by --through", rl_step_s=prompt_s)
+        own = tree_of(GIVEN, through=self.through or None, rl_step_s=self.rl_step)
+        return own | tree_of("set by --through", rl_step_s=prompt_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +144,7 @@ class SimulationOptions(Physics, DecisionOptions):
     """World of the episodes (.toml with a table [world], see docs/scenarios.md): friction, motors,
     floor, load, obstacles, and the camera that robots are seen by; by default the paper's, or that
     of the scenario file."""
-    speed: Annotated[float | None, tyro.conf.arg(metavar="MM_S")] = None
+    speed: Annotated[Positive | None, tyro.conf.arg(metavar="MM_S")] = None
     """Speed while driving, in mm/s. Motor speeds follow from a calibration, which refuses a speed
     that needs hopping; by default 3.9, or what is possible without (0.97 with a μ of 0.4)."""
     on_collision: OnCollision = "end"
@@ -174,31 +161,37 @@ class SimulationOptions(Physics, DecisionOptions):
     """Compute the angles that robots steer by without the C library: an episode then has the
     same bits on every machine (docs/performance.md says when). By default it has those of published
     results, which another C library changes."""
-    time_limit: Annotated[float | None, tyro.conf.arg(metavar="S")] = None
+    time_limit: Annotated[Positive | None, tyro.conf.arg(metavar="S")] = None
     """Simulated time in s after which an episode ends as a time-out, a whole multiple of the RL
     step; by default 600, and longer in proportion where robots are slower than by default."""
 
-    def config(self, world: World = IDEAL) -> CoSimConfig:
+    def tree(self) -> Tree:
+        """See `Physics.tree`."""
+        return (
+            Physics.tree(self)
+            | DecisionOptions.tree(self)
+            | tree_of(
+                GIVEN,
+                episode_limit_s=self.time_limit,
+                drive_speed_m_s=None if self.speed is None else 1e-3 * self.speed,
+                on_collision=None if self.on_collision == "end" else self.on_collision,
+                shield=SHIELD if self.shield else None,
+                open_loop=self.open_loop or None,
+                portable=self.portable or None,
+            )
+        )
+
+    def config(self, world: World = IDEAL, source: str = "world") -> CoSimConfig:
         """See `Physics.config`."""
-        config = self.deciding(super().config(world))
         if self.noise is not None and "motors" in self.open_loop:
             raise ConfigError(
                 "--noise has no effect with --open-loop motors, which measure no speed; "
                 "leave it out"
             )
+        config = super().config(world, source)
         if self.time_limit is not None:  # else episodes would end at the end of an RL step
             whole_ratio("time_limit", self.time_limit, "rl_step_s", config.timing.rl_step_s)
-        return replace(
-            config.having(
-                GIVEN,
-                episode_limit_s=self.time_limit,
-                drive_speed_m_s=None if self.speed is None else 1e-3 * self.speed,
-            ),
-            on_collision=self.on_collision,
-            shield=SHIELD if self.shield else None,
-            open_loop=self.open_loop,
-            portable=self.portable,
-        )
+        return config
 
     def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
         """Limit the speed to the largest one without hopping, unless it is given."""
@@ -245,19 +238,14 @@ def options_of(
 ) -> Options:
     """Return the options that a call in Python is given by name."""
     known = [*more, *(option.name for option in fields(kind))]
-    for name in given:
-        if name not in known:
-            raise ConfigError(f"{call} has no option {name}; choose from {', '.join(known)}")
+    require_names(f"{call}: option ", given, known)
     return kind(**given)
 
 
 class Setup(NamedTuple):
     """Everything that determines an episode but for its policy, start cells and seed.
 
-    Attributes:
-        scenario: with the obstacles of its world.
-        config: all parameters, calibrated.
-        fmu: motor FMU file.
+    The scenario has the obstacles of its world, the parameters are calibrated.
     """
 
     scenario: Scenario
@@ -273,22 +261,19 @@ def resolve(
     world: str | Path | World | Mapping[str, Any] | None = None,
     require: Callable[[Scenario], object] | None = None,
 ) -> Setup:
-    """Return the setup of a scenario under the options of a command.
-
-    A parameter has the value of its option, else that of the world, else that of the machine
-    preset, else that of Table I or II.
+    """Return the setup of a scenario under options.
 
     Args:
-        options: of the command.
-        scenario: name of a built-in scenario, scenario file (.toml) or record.
-        progress: receives what is prepared.
-        world: world file, record, or dict of its fields; by default that of the options, else that
-            of the scenario file, else the paper's.
+        world: file, record, or dict of its fields; by default that of the options, else that of the
+            scenario file, else the paper's.
         require: refuses scenarios, for example those that a policy was not trained on, before
             anything is measured.
     """
-    scenario, world = find_in_world(scenario, options.world if world is None else world)
+    given = options.world if world is None else world
+    scenario, world = find_in_world(scenario, given)
     scenario = options.board(scenario)
     if require is not None:
         require(scenario)
-    return Setup(scenario, *options.prepare(scenario.diameter_m, progress, world))
+    name = Path(given).stem if isinstance(given, str | Path) else f"of scenario {scenario.name}"
+    source = f"world {name}" if given is None or isinstance(given, str | Path) else "world"
+    return Setup(scenario, *options.prepare(scenario.diameter_m, progress, world, source))

@@ -9,6 +9,9 @@ from cosim.model.outcome import Outcome
 from cosim.model.scenario import Cell
 from cosim.simulation.episode import RunningEpisode
 
+# What a recording keeps of a result.
+_FACTS = ("outcome", "path_length_cm", "rotation_deg", "sim_time_s", "contact_time_s")
+_FACTS += ("energy_j", "conflicts", "min_distance_cm")
 _DIGITS = 6  # of lengths in cm and energies in J; times have ticks of 1e-5 s
 
 
@@ -92,15 +95,5 @@ def result_of(episode: RunningEpisode, starts: tuple[Cell, ...], wall_s: float) 
 
 def facts_of(result: EpisodeResult) -> dict[str, float | int | str]:
     """Return the facts of a result for a recording; the same whenever it is simulated."""
-    facts = {
-        "outcome": str(result.outcome),
-        "path_length_cm": result.path_length_cm,
-        "rotation_deg": result.rotation_deg,
-        "sim_time_s": result.sim_time_s,
-        "contact_time_s": result.contact_time_s,
-        "energy_j": result.energy_j,
-        "conflicts": result.conflicts,
-    }
-    if result.min_distance_cm is not None:
-        facts["min_distance_cm"] = result.min_distance_cm
-    return facts
+    facts = {name: getattr(result, name) for name in _FACTS} | {"outcome": str(result.outcome)}
+    return {name: value for name, value in facts.items() if value is not None}

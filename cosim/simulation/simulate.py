@@ -65,9 +65,8 @@ def simulate(
         Outcome, moves, parameters and every signal, in memory; `save` writes the recording.
 
     Raises:
-        ConfigError: an option is unknown or does not fit.
-        UserError: there is no such scenario.
-        UserError: of the policy (trained on another scenario), the FMU or the calibration.
+        UserError: an option is unknown or does not fit, there is no such scenario, or it is of the
+            policy (trained on another scenario), the FMU or the calibration.
     """
     report = progress or silent
     chosen = options_of("simulate", options, kind=EpisodeOptions)

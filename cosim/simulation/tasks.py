@@ -9,7 +9,7 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -41,9 +41,8 @@ def recorder_of(
     **how: Any,
 ) -> EpisodeRecorder:
     """Return what records an episode that has begun; arguments as of `EpisodeRecorder`."""
-    own = {"drawn": episode.drawn, "sampled": episode.sampled}
-    known = episode.scenario, episode.config, recording_id, facts
-    return EpisodeRecorder(place, *known, **own, **how)
+    how |= {"drawn": episode.drawn, "sampled": episode.sampled}
+    return EpisodeRecorder(place, episode.scenario, episode.config, recording_id, facts, **how)
 
 
 class EpisodeOrigin(msgspec.Struct, frozen=True):
@@ -93,16 +92,9 @@ class Task:
     @property
     def origin(self) -> EpisodeOrigin:
         """Return what determines the episode."""
-        seed, fmu = self.seed, identity_of_fmu(self.fmu)
-        return EpisodeOrigin(
-            self.scenario,
-            self.config,
-            self.starts,
-            self.driver,
-            str(seed.entropy),
-            seed.spawn_key,
-            fmu,
-        )
+        seed = str(self.seed.entropy), self.seed.spawn_key
+        what = self.scenario, self.config, self.starts, self.driver
+        return EpisodeOrigin(*what, *seed, identity_of_fmu(self.fmu))
 
     @cached_property
     def recording_id(self) -> str:
@@ -131,95 +123,79 @@ class Task:
         """Equal for tasks that can share a batch."""
         return shared(self.config), self.fmu, self.driver, self.scenario.robots
 
-
-class ActiveEpisode:
-    """A running episode, with its policy and its recorder."""
-
-    def __init__(self, number: int, task: Task, batch: Batch, place: int) -> None:
-        self.number = number
-        self._task = task
-        self._wall_s = 0.0
-        kind = DrivenEpisode if drives(task.policy) else RunningEpisode
-        self.episode = batch.begin(
-            place, task.scenario, task.starts, task.seed, task.config, kind, task.sampled
-        )
-        self._open = contextlib.ExitStack()
-        self._recorder = task.recorder and self._open.enter_context(task.recorder(self.episode))
-        if self._recorder is not None:
-            self._recorder.set_property(
-                "origin", {"task": msgspec.json.encode(task.origin).decode()}
-            )
-
-    def act(self) -> np.ndarray:
-        """Return what the policy decides: (N,) direction indices, or (N, 2) set points."""
-        self._decision = self.episode.ask(self._task.policy)
-        return self._decision.action
-
-    def take(self, step: Step, wall_s: float) -> None:
-        """Watch and record an RL step that took so long."""
-        self._wall_s += wall_s
-        self._task.watch(step, self.episode, self._wall_s)
-        if self._recorder is not None:
-            parts = getattr(self._task.policy, "reward_parts", None)
-            rewards = parts and parts(step, self.episode.arrived)
-            self._recorder.write(step, self._decision, rewards)
-            if step.outcome:
-                self._recorder.set_property("result", facts_of(self.result()))
-
-    def result(self) -> EpisodeResult:
-        """Return the result so far."""
-        return result_of(self.episode, self._task.starts, self._wall_s)
-
-    def close(self) -> None:
-        """Complete the recording."""
-        self._open.close()
+    def batch(self, places: int) -> Batch:
+        """Return a batch for tasks like this one."""
+        return Batch(self.fmu, self.config, self.scenario.robots, places, self.driver)
 
 
-class _Queue:
-    """Tasks that can share a batch; threads take them one by one."""
+def _episode(task: Task, batch: Batch, place: int) -> Generator[Any, Any, None]:
+    """Yield an action, (N,) directions or (N, 2) set points, and take a step and its time, in turn.
 
-    def __init__(self, tasks: list[tuple[int, Task]], places: int) -> None:
-        self._waiting = deque(tasks)
-        self._places = places
-
-    def run(
-        self, may_begin: Callable[[], bool], stop: threading.Event
-    ) -> Iterator[tuple[int, EpisodeResult]]:
-        """Simulate tasks in one batch, until none is left or may begin, or until `stop` is set."""
-        going_on: dict[int, ActiveEpisode] = {}
-        free = list(range(self._places))
-        batch: Batch | None = None
-        try:
-            while not stop.is_set():
-                while free and may_begin():
-                    try:
-                        number, task = self._waiting.popleft()
-                    except IndexError:  # another thread may have taken the last one
-                        break
-                    batch = batch or _new_batch(task, len(free))
-                    place = free.pop()
-                    going_on[place] = ActiveEpisode(number, task, batch, place)
-                if batch is None or not going_on:
-                    return
-                began = time.perf_counter()
-                steps = batch.advance({k: active.act() for k, active in going_on.items()})
-                share_s = (time.perf_counter() - began) / len(going_on)
-                for place, step in steps.items():
-                    going_on[place].take(step, share_s)
-                    if step.outcome:
-                        ended = going_on.pop(place)
-                        ended.close()
-                        free.append(place)
-                        yield ended.number, ended.result()
-        finally:
-            for active in going_on.values():
-                active.close()
-            if batch is not None:
-                batch.close()
+    After a step its result is yielded if it was the last one, else None. Closing completes the
+    recording.
+    """
+    kind = DrivenEpisode if drives(task.policy) else RunningEpisode
+    parts = task.scenario, task.starts, task.seed, task.config, kind, task.sampled
+    episode, wall_s = batch.begin(place, *parts), 0.0
+    with contextlib.ExitStack() as stack:
+        recorder = task.recorder and stack.enter_context(task.recorder(episode))
+        if recorder:
+            recorder.set_property("origin", {"task": msgspec.json.encode(task.origin).decode()})
+        while True:
+            decision = episode.ask(task.policy)
+            step, took_s = yield decision.action
+            wall_s += took_s
+            task.watch(step, episode, wall_s)
+            result = result_of(episode, task.starts, wall_s) if step.outcome else None
+            if recorder:
+                rewards = getattr(task.policy, "reward_parts", None)
+                recorder.write(step, decision, rewards and rewards(step, episode.arrived))
+                if result:
+                    recorder.set_property("result", facts_of(result))
+            yield result
 
 
-def _new_batch(task: Task, places: int) -> Batch:
-    return Batch(task.fmu, task.config, task.scenario.robots, places, task.driver)
+def _simulate(
+    waiting: deque[tuple[int, Task]],
+    places: int,
+    may_begin: Callable[[], bool],
+    stop: threading.Event,
+) -> Iterator[tuple[int, EpisodeResult]]:
+    """Simulate tasks that can share a batch, until none is left or may begin, or `stop` is set.
+
+    Threads take them from `waiting` one by one.
+    """
+    going_on: dict[int, tuple[int, Generator[Any, Any, None]]] = {}
+    free = list(range(places))
+    batch: Batch | None = None
+    try:
+        while not stop.is_set():
+            while free and may_begin():
+                try:
+                    number, task = waiting.popleft()
+                except IndexError:  # another thread may have taken the last one
+                    break
+                batch = batch or task.batch(len(free))
+                place = free.pop()
+                going_on[place] = number, _episode(task, batch, place)
+            if batch is None or not going_on:
+                return
+            began = time.perf_counter()
+            steps = batch.advance({place: next(each) for place, (_, each) in going_on.items()})
+            share_s = (time.perf_counter() - began) / len(going_on)
+            for place, step in steps.items():
+                number, each = going_on[place]
+                result = each.send((step, share_s))
+                if result is not None:
+                    each.close()
+                    del going_on[place]
+                    free.append(place)
+                    yield number, result
+    finally:
+        for _, each in going_on.values():
+            each.close()
+        if batch is not None:
+            batch.close()
 
 
 def simulate_tasks(
@@ -232,23 +208,19 @@ def simulate_tasks(
     after their RL step and complete their recordings, without result.
 
     Yields:
-        (index of the task, its result).
+        Index of the task, and its result.
     """
-    together: dict[object, list[tuple[int, Task]]] = {}
+    together: dict[object, deque[tuple[int, Task]]] = {}
     for number, task in enumerate(tasks):
-        together.setdefault(task.batch_key, []).append((number, task))
-    queues = []
-    for some in together.values():
-        first = some[0][1]
-        room = places_for(first.driver, first.scenario.robots, len(some), threads)
-        queues.append(_Queue(some, room))
+        together.setdefault(task.batch_key, deque()).append((number, task))
+    places = [room_for(some[0][1], len(some), threads) for some in together.values()]
     results: queue.SimpleQueue[tuple[int, EpisodeResult] | BaseException | None]
     results, stop = queue.SimpleQueue(), threading.Event()
 
     def work() -> None:
         try:
-            for some in queues:
-                for result in some.run(may_begin, stop):
+            for some, room in zip(together.values(), places, strict=True):
+                for result in _simulate(some, room, may_begin, stop):
                     results.put(result)
         except BaseException as error:
             results.put(error)
@@ -272,6 +244,11 @@ def simulate_tasks(
             stop.set()
 
 
+def room_for(task: Task, tasks: int, threads: int) -> int:
+    """Return the places of a batch for some tasks like this one."""
+    return places_for(task.driver, task.scenario.robots, tasks, threads)
+
+
 def compile_kernels(task: Task, tasks: int, threads: int) -> None:
     """Compile the kernels for some tasks like this one, or load them from the cache."""
-    _new_batch(task, places_for(task.driver, task.scenario.robots, tasks, threads)).compile()
+    task.batch(room_for(task, tasks, threads)).compile()

@@ -3,19 +3,18 @@
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-import msgspec
 import tyro
 
 from agent.training.settings import COMPUTED, Method
 from cosim.base import command as opt
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import in_shell
-from cosim.base.progress import Progress, under_way
+from cosim.base.progress import Progress
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.live import DEFAULT_VIEWER
-from cosim.simulation.options import EpisodeOptions, Physics, resolve
+from cosim.simulation.options import EpisodeOptions, Setup, resolve
 from minirobots.runner import Command, Output
 
 if TYPE_CHECKING:
@@ -61,6 +60,9 @@ class Run(Command):
     """Trained policy to use instead of training: a file (policy.npz)."""
     no_record: bool = False
     """Short for --record none."""
+    show_config: bool = False
+    """Print every parameter of the episodes with its unit and source, a line each, and end: no
+    episode is simulated."""
     live: bool = False
     """Send recorded data to a running Rerun viewer too, while the episodes run."""
     spawn: bool = False
@@ -103,20 +105,12 @@ class Run(Command):
         return find_scenario(self.scenario).name
 
     def run(self, progress: Progress) -> Output:
-        from msgspec.structs import asdict
-
-        from agent.evaluation.series import RunFacts, Series
-        from agent.policies import method_name
-        from agent.training.recording import write_training
-        from cosim.base.provenance import versions
+        from agent.evaluation.series import Series
         from cosim.base.table import show_texts
-        from cosim.coupling.rl_step import sampled_of
         from cosim.recording.live import find_viewer, spawn_viewer
         from cosim.recording.series import with_bursts
         from cosim.simulation.ahead import compiling_ahead
         from cosim.simulation.batch import chosen_driver
-        from cosim.simulation.tasks import compile_kernels
-        from fmus.build import identity_of_fmu
 
         out, threads, record = self.out, opt.workers(self.jobs), self.physics.record
         assert out is not None
@@ -127,36 +121,20 @@ class Run(Command):
                 "choose another --out, or remove it"
             )
         scenario, config, fmu = resolve(self.physics, self.scenario, progress)
+        if self.show_config:
+            leaves = with_bursts(config, record).leaves().values()
+            return Output({leaf.path: leaf.table() for leaf in leaves}, *map(str, leaves))
         viewer = None
         if self.spawn:
             viewer = spawn_viewer(self.viewer)
         elif self.live:
             viewer = find_viewer(self.viewer)
-        config = with_bursts(config, record)
-        driver = chosen_driver(self.physics.driver, fmu, config)
+        setup = Setup(scenario, with_bursts(config, record), fmu)
+        driver = chosen_driver(self.physics.driver, fmu, setup.config)
         with compiling_ahead(scenario.robots, driver, self.episodes, threads):
             policy, log = self._policy(scenario, progress)
-        seed = policy.config.seed
-        facts = RunFacts(
-            scenario=scenario.name,
-            title=scenario.title,
-            seed=self.physics.seed,
-            train_seed=seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
-            driver=driver,
-            motor_fmu=fmu.name,
-            motor_fmu_digest=identity_of_fmu(fmu),
-            method=method_name(policy),
-            versions=versions(),
-        )
-        how = viewer, record, progress, sampled_of(scenario.robots, self.physics.signals)
-        series = Series(scenario, fmu, config, policy, out, facts, *how)
-        series.refuse_other_results()
-        policy.save(out / "policy.npz")
-        if record != "none" and log is not None:
-            write_training(out / "training.rrd", policy, log, asdict(facts))
-        with under_way(progress, "preparing the kernels"):
-            compile_kernels(series.task(0), self.episodes, threads)
-        results = list(series.run(self.episodes, threads))
+        series = Series(setup, policy, out, self.physics, viewer, progress)
+        results = series.run(self.episodes, threads, log)
         names = "episode", "outcome", "path length", "rotation", "simulated", "× real time"
         rows = [
             (
@@ -221,65 +199,23 @@ class Replay(Command):
     motor_fmu: opt.MotorFmuFile = None
 
     def run(self, progress: Progress) -> Output:
-        from agent.policies import load_policy
-        from analysis.compare import find_differences, series_of
-        from cosim.base.provenance import versions
-        from cosim.base.reading import parsing
-        from cosim.coupling.rl_step import sampled_of
-        from cosim.recording.episode import EpisodeRecorder
-        from cosim.recording.file import Kept
-        from cosim.recording.reader import EPISODE, read_chunks, read_rrd
-        from cosim.simulation.episode import RunningEpisode
-        from cosim.simulation.tasks import EpisodeOrigin, Task, recorder_of, simulate_tasks
+        from analysis.replay import replay
 
-        data = read_rrd(self.recording)
-        with parsing(self.recording, EPISODE):
-            origin = msgspec.json.decode(data.properties["origin"]["task"], type=EpisodeOrigin)
-            level = data.properties["episode"]["record"]
-            signals = msgspec.json.decode(data.properties["episode"].get("signals", "[]"))
-            then = msgspec.json.decode(data.properties["episode"]["versions"], type=dict[str, str])
-        path = self.policy or self.recording.absolute().parents[1] / "policy.npz"
-        loaded = load_policy(path, origin.scenario)
-        task = Task.again(origin, Physics(motor_fmu=self.motor_fmu).fmu(progress), loaded)
-        kept = Kept()
-
-        def recorder(episode: RunningEpisode) -> EpisodeRecorder:
-            maps = loaded.maps()
-            return recorder_of(episode, kept, data.recording_id, {}, level=level, policies=maps)
-
-        def watch(_: Any, episode: RunningEpisode, __: float) -> None:
-            progress("replaying", episode.time_s, task.config.timing.episode_limit_s)
-
-        sampled = sampled_of(task.scenario.robots, signals)
-        for _ in simulate_tasks(
-            [replace(task, recorder=recorder, watch=watch, sampled=sampled)], 1
-        ):
-            pass
-        replayed = read_chunks(kept.chunks, data.recording_id)
-        now = versions()
-        changed = {k: (v, now.get(k, "")) for k, v in then.items() if v != now.get(k)}
-        differences = find_differences(data, replayed)
-        signals, values = series_of(data), sum(v.size for _, v in series_of(data).values())
-        ended = "" if data.complete else " as far as the recording goes, which is not complete"
-        count = len(signals | series_of(replayed))
+        found = replay(self.recording, self.policy, self.motor_fmu, progress)
+        count, differences = found["signals"], found["differences"]
+        ended = "" if found["complete"] else " as far as the recording goes, which is not complete"
         return Output(
-            {
-                "recording": str(data.path),
-                "complete": data.complete,
-                "signals": count,
-                "values": values,
-                "differences": [{"signal": name, "time_s": at} for name, at in differences.items()],
-                "versions": changed,
-            },
+            found,
             *(
-                f"{name} was {was} when it was recorded, and is {is_now or 'missing'} now"
-                for name, (was, is_now) in changed.items()
+                f"{name} was {was} when it was recorded, and is {now or 'missing'} now"
+                for name, (was, now) in found["versions"].items()
             ),
             *(
-                f"{signal} differs" + ("" if time_s is None else f" from {time_s:g} s on")
-                for signal, time_s in differences.items()
+                f"{each['signal']} differs"
+                + ("" if each["time_s"] is None else f" from {each['time_s']:g} s on")
+                for each in differences
             ),
-            f"{count - len(differences)} of {count} signals ({values} values) are equal in every "
-            f"bit{ended}",
+            f"{count - len(differences)} of {count} signals ({found['values']} values) are equal "
+            f"in every bit{ended}",
             failed=bool(differences),
         )

@@ -15,7 +15,7 @@ from cosim.base import command as opt
 from cosim.base.arguments import validate_unique
 from cosim.base.errors import UserError
 from cosim.base.jobs import THREADS, Where
-from cosim.base.progress import Progress, under_way
+from cosim.base.progress import Progress
 from cosim.model.preset import PAPER, find_preset
 from cosim.simulation.options import Physics
 from fmus.compiler import TARGETS
@@ -217,11 +217,11 @@ class MovePlatform(Command):
 
     def run(self, progress: Progress) -> Output:
         from cosim.base.storage import require_suffix
-        from cosim.machine.platform.result import move_platforms
+        from cosim.machine.platform.motion import move_platforms
 
-        out, preset = require_suffix(self.out, ".npz"), find_preset(self.preset)
-        robot = preset.robot if self.mu is None else preset.robot._replace(mu=self.mu)
-        result = move_platforms(self.cycles, self.omega, robot, preset.motor)
+        out = require_suffix(self.out, ".npz")
+        config = find_preset(self.preset).config().having("given", mu=self.mu)
+        result = move_platforms(self.cycles, self.omega, config.robot, config.motor)
         result.save(out)
         table, motions = result.table, {"paper": result.paper, "table_ii": result.table_ii}
         names = ("mu", "omega_rad_s", "net_speed_m_s")
@@ -327,12 +327,12 @@ class Validate(Command):
     def run(self, progress: Progress) -> Output:
         from cosim.base.table import show, write_report
         from cosim.machine.validation.report import tables, text_of
-        from cosim.machine.validation.validate import QUICK, Effort, validate
+        from cosim.machine.validation.validate import FULL, QUICK, validate
         from cosim.simulation.options import Physics
 
-        effort = QUICK if self.quick else Effort()
+        count = QUICK if self.quick else FULL
         fmu = Physics(motor_fmu=self.motor_fmu).fmu(progress)
-        report = validate(fmu, effort, self.seed, self.where, progress)
+        report = validate(fmu, count, self.seed, self.where, progress)
         write_report(self.out / "validation", report, text_of(report))
         return Output(
             report,
@@ -374,8 +374,8 @@ class IdentifyRobot(Command):
 
     def run(self, progress: Progress) -> Output:
         from cosim.base.storage import require_suffix
-        from cosim.base.table import show_texts
-        from cosim.machine.identification.result import HEADER, identify, table, write
+        from cosim.base.table import show
+        from cosim.machine.identification.result import COLUMNS, identify
         from cosim.machine.identification.track import (
             HOLD_S,
             SEQUENCE,
@@ -399,13 +399,11 @@ class IdentifyRobot(Command):
             motor_fmu=self.motor_fmu,
             motor_parameters=self.motor_parameters,
         )
-        fmu = physics.fmu(progress)
-        identified = identify(track, self.track.name, preset, physics.config(), fmu, progress)
-        write(identified, self.out)
-        report, out = identified.report, self.out
+        fmu, config, out = physics.fmu(progress), physics.config(), self.out
+        report = identify(track, self.track.name, preset, config, fmu, out, progress)
         return Output(
             report,
-            lambda: show_texts(HEADER, table(report), names=2),
+            lambda: show(COLUMNS, report.parameters, names=2),
             *(f"not identifiable from this track: {words}" for words in report.unidentifiable),
             f"results in {out}/: preset.toml, identification.json, report.md, tracks.svg",
         )
@@ -459,8 +457,15 @@ class BuildFmus(Command):
 
     def run(self, progress: Progress) -> Output:
         if self.sources:
-            name = self.sources.resolve().name
-            return Output(_pack(self.sources, self.out / f"{name}.fmu", progress))
+            from cosim.fmi.fmu import Fmu
+            from fmus.pack import pack_sources
+
+            fmu = pack_sources(self.sources, self.out, progress)
+            variables = [(v.causality, name) for name, v in Fmu(fmu).variables.items()]
+            kinds = {
+                f"{kind}s": [n for k, n in variables if k == kind] for kind in ("input", "output")
+            }
+            return Output({"fmu": str(fmu), **kinds})
         from fmus.build import build_fmus
         from fmus.compiler import host_target
 
@@ -470,66 +475,11 @@ class BuildFmus(Command):
             targets |= dict.fromkeys(names)
         files: list[Path] = []
         for model in self.models:
-            if self.fmi is None:
-                paths: dict[Fmi, Path] = {"3": self.out / f"{model}.fmu"}
-            else:
-                wanted = [fmi for fmi in STANDARDS[model] if self.fmi in (fmi, "both")]
-                paths = {fmi: self.out / f"{model}_fmi{fmi}.fmu" for fmi in wanted}
+            paths: dict[Fmi, Path] = {
+                fmi: self.out / (f"{model}_fmi{fmi}.fmu" if self.fmi else f"{model}.fmu")
+                for fmi in STANDARDS[model]
+                if (self.fmi or "3") in (fmi, "both")
+            }
             if paths:
                 files += build_fmus(paths, list(targets), progress, model)
         return Output({"files": [str(file) for file in files]})
-
-
-def _pack(folder: Path, out: Path, progress: Progress) -> dict[str, Any]:
-    """Compile the sources of an unpacked FMU for this machine, and pack it again.
-
-    Returns:
-        The FMU, and its inputs and outputs.
-    """
-    import fmpy
-
-    from cosim.fmi.fmu import Fmu
-    from fmus.archive import write_archive
-
-    try:
-        configurations = fmpy.model_description.read_build_description(folder)
-    except Exception as error:  # fmpy raises plain Exceptions and those of XML
-        raise UserError(f"{folder}/sources/buildDescription.xml: {error}; fix it") from error
-    if not configurations or not (folder / "modelDescription.xml").is_file():
-        raise UserError(
-            f"{folder} is not an unpacked FMI 3.0 FMU with sources: it needs "
-            "modelDescription.xml and sources/buildDescription.xml"
-        )
-    files = {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and "binaries" not in path.relative_to(folder).parts[:1]
-    }
-    with under_way(progress, "compiling"):
-        for configuration in configurations:
-            files |= _library(folder, configuration)
-    write_archive(out, files)
-    variables = Fmu(out).variables.items()
-    found = {kind: [n for n, v in variables if v.causality == kind] for kind in ("input", "output")}
-    return {"fmu": str(out), "inputs": found["input"], "outputs": found["output"]}
-
-
-def _library(folder: Path, configuration: Any) -> dict[str, bytes]:
-    """Return the library of a build configuration, by its name in the archive."""
-    import fmpy
-
-    from cosim.base.storage import temporary_folder
-    from fmus.compiler import PLAIN_NAMES, SAME_BITS, compiler_command, fmi_headers, run_compiler
-
-    place = folder.absolute() / "sources"
-    name = f"{configuration.modelIdentifier}{fmpy.sharedLibraryExtension}"
-    command = [*compiler_command(), "-O2", "-shared", "-fPIC", SAME_BITS, f"-I{fmi_headers()}"]
-    command += [f"-D{PLAIN_NAMES['3']}=1", f"-I{place}"]
-    for group in configuration.sourceFileSets:
-        definitions = [d for d in group.preprocessorDefinitions if not d.optional]
-        command += [f"-D{d.name}={d.value or ''}" for d in definitions]
-        command += [f"-I{place / path}" for path in group.includeDirectories]
-        command += [str(place / path) for path in group.sourceFiles]
-    with temporary_folder() as work:
-        run_compiler([*command, "-o", name, "-lm"], Path(work), str(folder))
-        return {f"binaries/{fmpy.platform_tuple}/{name}": (Path(work) / name).read_bytes()}

@@ -18,9 +18,8 @@ from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.errors import UserError, in_shell
 from cosim.base.jobs import PROCESSES, THREADS, Where
 from cosim.base.progress import Progress
-from cosim.model.built_in import PAPER
 from cosim.model.scenario import Scenario
-from cosim.model.scenario_file import ROUGH, find_scenario, read_world
+from cosim.model.scenario_file import PAPER, ROUGH, find_scenario, read_world
 from cosim.simulation.options import DecisionOptions, Physics, SimulationOptions
 from minirobots.runner import RESUMES, Command, Output
 
@@ -415,7 +414,7 @@ class ObserveMoves(Command):
 
         out, jobs = require_suffix(self.out, ".json"), opt.workers(self.jobs)
         config, fmu = self.physics.prepare(progress=progress)
-        config = self.deciding.deciding(config)
+        config = config.merged(self.deciding.tree())
         require_rl_step(config.timing.rl_step_s)
         moves = observe_moves(
             config,

@@ -19,8 +19,8 @@ from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.series import with_bursts
-from cosim.simulation.cosimulation import CoSimulation
 from fmus.build import cached_fmu
+from tests.alone import CoSimulation
 
 MOST_CHANGE, MOST_CHANGE_RECORDED = 0.05, 0.065  # why the latter: docs/reliability.md
 # The first robot never gets to its target, which is not in its column.
@@ -60,7 +60,7 @@ def endure(time_s: float, seed: int, recording: Path | None) -> dict[str, float]
         )
         for number in range(steps):
             began = time.process_time()
-            step = system.advance(np.array([heading, NORTH]))
+            step = system.step(np.array([heading, NORTH]))
             if recorder is not None:
                 recorder.write(step, Decision(step.action, values), NOTHING)
             costs[number] = time.process_time() - began

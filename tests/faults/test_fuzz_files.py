@@ -8,6 +8,7 @@ import json
 import re
 import zipfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -127,62 +128,47 @@ SETTINGS = st.builds(
 )
 
 
+def scenario_of(path: Path) -> None:
+    scenario, world = find_in_world(path)
+    build_process(scenario, ProcessConfig())
+    CoSimConfig().in_world(world).sized(scenario.diameter_m)
+
+
+def world_of(path: Path) -> None:
+    world = read_world(path)
+    in_world(SMALL, world)
+    CoSimConfig().in_world(world)
+
+
+def preset_of(path: Path) -> None:
+    preset, again = find_preset(path), path.with_name("again.toml")
+    preset.config().sized(0.05)
+    preset.save(again)
+    assert find_preset(again).tree == preset.tree
+
+
+def settings_of(path: Path) -> None:
+    process, learning = read_settings(path)
+    build_process(SMALL, process)
+    if learning.episodes <= 10**6:
+        build_learning(learning)
+
+
+TABLES = {
+    scenario_of: SCENARIO,
+    world_of: st.builds(lambda world: {"world": world}, WORLD) | optional_table(WORLD, "world"),
+    preset_of: PRESET,
+    settings_of: SETTINGS,
+}
+
+
+@pytest.mark.parametrize("use", TABLES)
 @examples(40)
-@given(SCENARIO)
-def test_scenarios(tmp_path, content):
+@given(data=st.data())
+def test_tables(tmp_path, use, data):
     path = tmp_path / "mine.toml"
-    path.write_text(lines(content), encoding="utf-8")
-
-    def use() -> None:
-        scenario, world = find_in_world(path)
-        build_process(scenario, ProcessConfig())
-        CoSimConfig().in_world(world).sized(scenario.diameter_m)
-
-    one_sentence(use)
-
-
-@examples(40)
-@given(st.builds(lambda world: {"world": world}, WORLD) | optional_table(WORLD, "world"))
-def test_worlds(tmp_path, content):
-    path = tmp_path / "world.toml"
-    path.write_text(lines(content), encoding="utf-8")
-
-    def use() -> None:
-        world = read_world(path)
-        in_world(SMALL, world)
-        CoSimConfig().in_world(world)
-
-    one_sentence(use)
-
-
-@examples(40)
-@given(PRESET)
-def test_presets(tmp_path, content):
-    path = tmp_path / "machine.toml"
-    path.write_text(lines(content), encoding="utf-8")
-
-    def use() -> None:
-        preset = find_preset(path)
-        preset.config().sized(0.05)
-        preset.save(tmp_path / "again.toml")
-        assert find_preset(tmp_path / "again.toml").robot == preset.robot
-
-    one_sentence(use)
-
-
-@examples(40)
-@given(SETTINGS)
-def test_settings(tmp_path, content):
-    path = tmp_path / "settings.toml"
-    path.write_text(lines(content), encoding="utf-8")
-
-    def use() -> None:
-        process, learning = read_settings(path)
-        build_process(SMALL, process)
-        if learning.episodes <= 10**6:
-            build_learning(learning)
-
-    one_sentence(use)
+    path.write_text(lines(data.draw(TABLES[use])), encoding="utf-8")
+    one_sentence(lambda: use(path))
 
 
 FIELDS = st.one_of(st.floats(width=32).map(str), st.text(max_size=4), st.just("0"))

@@ -17,8 +17,8 @@ from cosim.coupling.master import NotFiniteError
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
-from cosim.simulation.cosimulation import CoSimulation
 from fmus.compiler import FLAGS, compiler_command, fmi_headers, host_target
+from tests.alone import CoSimulation
 
 SCENARIO = """
 columns = 8
@@ -123,7 +123,7 @@ def test_the_first_signal_that_is_no_number_is_named(fault, faulty_fmu, monkeypa
     system.reset(((15, 15),), np.random.SeedSequence(0))
     words = rf"omega of motor D of robot 1 is {fault} at 0\.00501 s of simulated time"
     with pytest.raises(NotFiniteError, match=words):
-        system.advance(np.array([0]))
+        system.step(np.array([0]))
 
 
 @pytest.mark.long

@@ -19,10 +19,7 @@ def test_other_folders_are_refused(files, message, tmp_path, command):
     assert (done.returncode, done.stdout) == (2, "")
     assert message in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
-
-
-def test_sources_are_packed_alone(tmp_path, command):
-    done = command("fmu", "motor", "--sources", tmp_path, "--out", tmp_path)
+    done = command("fmu", "motor", "--sources", tmp_path / "mine", "--out", tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     assert "leave other options out" in done.stderr
 

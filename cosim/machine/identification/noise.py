@@ -17,7 +17,7 @@ _LEAST_VARIANCE = 1e-14  # of a frame in m² or rad², where a track has no nois
 
 
 class Noise(NamedTuple):
-    """Model of the difference of tracks from a simulation with the right parameters.
+    """Model of the difference of tracks (n, 3) from a simulation with the right parameters.
 
     Attributes:
         position_m, heading_rad: standard deviations of the camera, x and y each.
@@ -35,14 +35,11 @@ FIRST_NOISE = Noise(5e-4, math.radians(1.0), 1e-6, 1e-2)
 
 
 def _gains(times: np.ndarray, ratio: float) -> tuple[np.ndarray, np.ndarray]:
-    """Kalman filter of a random walk from its first frame on.
+    """Kalman gains (n − 1,) of a random walk, and variances of innovations over that of a frame.
 
     Args:
         times: (n,) of frames in s.
         ratio: growth of the walk's variance in 1/s over the variance of a frame.
-
-    Returns:
-        (n − 1,) gains, and variances of the innovations over that of a frame.
     """
     gains, variance = np.empty(len(times) - 1), 1.0
     for k, interval in enumerate(np.diff(times)):
@@ -74,19 +71,14 @@ def _turned_steps(simulated: np.ndarray, headings: np.ndarray) -> np.ndarray:
 def residuals(
     times: np.ndarray, measured: np.ndarray, simulated: np.ndarray, noise: Noise
 ) -> np.ndarray:
-    """Innovations over their standard deviations.
+    """Innovations (n − 1, 3, C) of x, y and heading over their standard deviations.
 
     Args:
         times: (n,) of frames in s.
         measured: (n, 3) x and y in m, heading in rad, continuous.
         simulated: (n, C, 3) the same of C simulations, from any pose.
-        noise: as it is taken to be.
-
-    Returns:
-        (n − 1, 3, C) of x, y and heading.
     """
-    ratio = noise.heading_drift_rad2_s / noise.heading_rad**2
-    gains, variances = _gains(times, ratio)
+    gains, variances = _gains(times, noise.heading_drift_rad2_s / noise.heading_rad**2)
     turned, headings = _followed(measured[:, 2], np.diff(simulated[..., 2], axis=0), gains)
     turned /= noise.heading_rad * np.sqrt(variances)[:, None]
     gains, variances = _gains(times, noise.position_drift_m2_s / noise.position_m**2)
@@ -97,13 +89,7 @@ def residuals(
 
 
 def deviance(times: np.ndarray, errors: np.ndarray, noise: Noise) -> float:
-    """Minus twice the logarithm of the likelihood of residuals, but for a constant.
-
-    Args:
-        times: (n,) of frames in s.
-        errors: (n − 1, 3), see `residuals`.
-        noise: by which they were scaled.
-    """
+    """Minus twice the logarithm of the likelihood of residuals (n − 1, 3), but for a constant."""
     of_place, of_heading = (
         np.log(deviation**2 * _gains(times, drift / deviation**2)[1]).sum()
         for deviation, drift in (

@@ -1,7 +1,6 @@
 """Results of identification as files: numbers, a preset for the simulation, and a report."""
 
-from dataclasses import dataclass
-from operator import itemgetter
+import math
 from pathlib import Path
 
 import msgspec
@@ -11,12 +10,12 @@ from matplotlib.figure import Figure
 from cosim.base.plotting import BLUE, GREEN, VERMILION, styled
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing, write_json, write_whole
-from cosim.base.table import Column, markdown
+from cosim.base.table import Column, field, format_value, markdown
 from cosim.coupling.fmu import MotorFmu
 from cosim.coupling.parameters import with_motor
 from cosim.machine.identification.fit import QUANTILE, UNKNOWN, Fit, fit, rises, unidentifiable
-from cosim.machine.identification.noise import Noise
 from cosim.machine.identification.simulated import (
+    NAMES,
     PARAMETERS,
     SPREADS,
     Simulated,
@@ -24,13 +23,12 @@ from cosim.machine.identification.simulated import (
     motor_speeds,
 )
 from cosim.machine.identification.track import SeenTrack
+from cosim.model.config import UNKNOWN as UNKNOWN_SOURCE
 from cosim.model.config import CoSimConfig
 from cosim.model.preset import Preset
-from cosim.model.world import Sensor
 
-JSON_FILE, PRESET_FILE, PAGE_FILE = "identification.json", "preset.toml", "report.md"
-DRAWING_FILE = "tracks.svg"
-HEADER = ("parameter", "what it is", "value", "95 % interval", "rises")
+PRESET_FILE, DRAWING_FILE = "preset.toml", "tracks.svg"
+MOST_SPREAD = 0.3  # of motors in a preset
 
 
 class Estimate(msgspec.Struct, frozen=True, kw_only=True):
@@ -38,7 +36,6 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         name, description: see `cosim.machine.identification.simulated.RobotParameter`.
-        value: that fits best.
         low, high: interval of 95 %, by the covariance of Gauss and Newton.
         identifiable: whether the track says more of it than was assumed before.
         rises: of the sum of squares at the ends of the interval, by simulation: 3.84 if the model
@@ -51,7 +48,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     low: float
     high: float
     identifiable: bool
-    rises: tuple[float | None, float | None]
+    rises: tuple[float | None, ...]
 
 
 class Identification(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,8 +57,6 @@ class Identification(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         track: the file.
         preset: what was taken for all else.
-        frames, duration_s: of the track.
-        parameters: in the order of `cosim.machine.identification.simulated`.
         unidentifiable: what the track says nothing of, as text.
         noise: of the camera, and how the robot strays from any simulation, by largest likelihood.
         evaluations: batches of simulations.
@@ -78,14 +73,25 @@ class Identification(msgspec.Struct, frozen=True, kw_only=True):
     evaluations: int
 
 
-@dataclass(frozen=True)
-class Identified:
-    """All that files are made of."""
+def _value(estimate: Estimate) -> str:
+    parameter = PARAMETERS[NAMES.index(estimate.name)]
+    return f"{parameter.scale * estimate.value:.3f} {parameter.unit}".rstrip()
 
-    report: Identification
-    preset: Preset
-    track: SeenTrack
-    fit: Fit
+
+def _interval(estimate: Estimate) -> str:
+    scale = PARAMETERS[NAMES.index(estimate.name)].scale
+    if not estimate.identifiable:
+        return "not identifiable"
+    return f"{scale * estimate.low:.3f} to {scale * estimate.high:.3f}"
+
+
+COLUMNS = (
+    field("name", heading="parameter"),
+    field("description", heading="what it is"),
+    Column("value", _value),
+    Column("95 % interval", _interval),
+    Column("rises", lambda row: ", ".join(format_value(rise, "{:.1f}") for rise in row.rises)),
+)
 
 
 def identify(
@@ -94,23 +100,20 @@ def identify(
     preset: Preset,
     config: CoSimConfig,
     fmu: Path,
+    out: Path,
     progress: Progress = silent,
-) -> Identified:
-    """Identify a robot.
+) -> Identification:
+    """Identify a robot, and write identification.json, preset.toml, report.md and the drawing.
 
     Args:
-        track: seen.
+        track: to identify it from.
         name: of the track.
         preset: what is not identified, and the usual values of what is.
         config: of the simulation.
         fmu: of its motors.
-        progress: receives what is done.
-
-    Raises:
-        UserError: the FMU cannot be used, or failed.
+        out: folder.
     """
     config = with_motor(config, fmu)
-    preset = preset._replace(motor=config.motor, sources=dict(config.sources))
     set_points = track.set_points(config.timing.control_period_s)
     progress("turning the motors", 0, None)
     speeds, smooth = (
@@ -120,16 +123,8 @@ def identify(
     drive = Simulated(speeds, smooth, track.times, config)
     progress("turning the motors", 1, 1)
     found = fit(track, drive, progress)
-    report = _report(track, name, preset, found, rises(track, drive, found))
-    return Identified(report, _preset(track, name, preset, found), track, found)
-
-
-def _report(
-    track: SeenTrack, name: str, preset: Preset, found: Fit, ends: np.ndarray
-) -> Identification:
-    half = QUANTILE * found.deviations
-    identifiable = found.deviations < UNKNOWN * SPREADS
-    return Identification(
+    half, ends = QUANTILE * found.deviations, rises(track, drive, found)
+    report = Identification(
         track=name,
         preset=preset.name,
         frames=len(track.times),
@@ -141,8 +136,8 @@ def _report(
                 value=float(found.values[k]),
                 low=float(found.values[k] - half[k]),
                 high=float(found.values[k] + half[k]),
-                identifiable=bool(identifiable[k]),
-                rises=(_known(ends[k, 0]), _known(ends[k, 1])),
+                identifiable=bool(found.deviations[k] < UNKNOWN * SPREADS[k]),
+                rises=tuple(None if math.isnan(rise) else rise for rise in ends[k].tolist()),
             )
             for k, parameter in enumerate(PARAMETERS)
         ),
@@ -150,78 +145,49 @@ def _report(
         noise=found.noise._asdict(),
         evaluations=found.evaluations,
     )
+    write_json(out / "identification.json", report)
+    _preset(track, name, preset, config, found).save(out / PRESET_FILE)
+    with replacing(out / DRAWING_FILE) as temporary:
+        _draw(track, found).savefig(temporary, format="svg", metadata={"Date": None})
+    write_whole(out / "report.md", _text(report))
+    return report
 
 
-def _known(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)
-
-
-def _preset(track: SeenTrack, name: str, preset: Preset, found: Fit) -> Preset:
+def _preset(track: SeenTrack, name: str, preset: Preset, config: CoSimConfig, found: Fit) -> Preset:
     """The machine, with the mean of both motors, and their difference as the motors' spread."""
-    robot, motor_d, motor_e = machine(found.values, preset.robot, preset.motor)
+    robot, motor_d, motor_e = machine(found.values, config.robot, config.motor)
     mean = 0.5 * (motor_d.r + motor_e.r)
     # standard deviation of the two
-    spread = min(abs(motor_d.r - motor_e.r) / (2.0**0.5 * mean), 0.3)
-    noise: Noise = found.noise
-    sensor = Sensor(
-        rate_hz=round(float(1.0 / np.median(np.diff(track.times))), 3),
-        delay_ms=round(1e3 * float(found.values[-1]), 2),
-        position_noise_mm=round(1e3 * noise.position_m, 4),
-        heading_noise_deg=round(float(np.rad2deg(noise.heading_rad)), 4),
-    )
+    spread = min(abs(motor_d.r - motor_e.r) / (2.0**0.5 * mean), MOST_SPREAD)
     where = f"identified from {name}"
     intervals = {
-        parameter.name: f"{where}: 95 % within ± {half:.2g} {unit}".rstrip()
-        for parameter, half, unit in zip(
-            PARAMETERS,
-            QUANTILE * found.deviations * [p.scale for p in PARAMETERS],
-            [p.unit for p in PARAMETERS],
-            strict=True,
-        )
+        p.name: f"{where}: 95 % within ± {QUANTILE * deviation * p.scale:.2g} {p.unit}".rstrip()
+        for p, deviation in zip(PARAMETERS, found.deviations, strict=True)
     }
-    sources = dict(preset.sources) | {
-        name: text for name, text in intervals.items() if name in robot._fields
+    tree = {n: leaf for n, leaf in preset.tree.items() if not n.startswith("sensor_")}
+    tree |= {
+        n: (getattr(config.motor, n), text)
+        for n, text in config.sources
+        if n in config.motor._fields and not text.startswith(UNKNOWN_SOURCE)
     }
-    sources |= {
-        "r": f"{where}: mean of both motors' unbalance, over m",
-        "motor_spread": f"{where}: from the difference of the two motors",
-        "sensor_delay_ms": intervals["camera_delay_s"],
-        "sensor_rate_hz": where,
-        "sensor_position_noise_mm": where,
-        "sensor_heading_noise_deg": where,
+    tree |= {n: (getattr(robot, n), t) for n, t in intervals.items() if n in robot._fields}
+    rate_hz = round(float(1.0 / np.median(np.diff(track.times))), 3)
+    delay_ms = round(1e3 * float(found.values[-1]), 2)
+    heading_deg = round(float(np.rad2deg(found.noise.heading_rad)), 4)
+    tree |= {
+        "r": (mean, f"{where}: mean of both motors' unbalance, over m"),
+        "motor_spread": (round(spread, 4), f"{where}: from the difference of the two motors"),
+        "sensor_rate_hz": (rate_hz, where),
+        "sensor_delay_ms": (delay_ms, intervals["camera_delay_s"]),
+        "sensor_position_noise_mm": (round(1e3 * found.noise.position_m, 4), where),
+        "sensor_heading_noise_deg": (heading_deg, where),
     }
-    world = msgspec.structs.replace(preset.world, motor_spread=round(spread, 4), sensor=sensor)
     source = f"Identified from {name}; all else is of the preset {preset.name}."
-    motor = preset.motor._replace(r=mean)
-    return Preset(Path(PRESET_FILE).stem, source, robot, motor, world, sources)
-
-
-def write(identified: Identified, out: Path) -> None:
-    """Write identification.json, preset.toml, report.md and the drawing in it."""
-    write_json(out / JSON_FILE, identified.report)
-    identified.preset.save(out / PRESET_FILE)
-    with replacing(out / DRAWING_FILE) as temporary:
-        _draw(identified.track, identified.fit).savefig(
-            temporary, format="svg", metadata={"Date": None}
-        )
-    write_whole(out / PAGE_FILE, _text(identified.report))
-
-
-def table(report: Identification) -> list[tuple[str, ...]]:
-    """Of every parameter: name, description, value, interval, and rises at the interval's ends."""
-    rows = []
-    for parameter, found in zip(PARAMETERS, report.parameters, strict=True):
-        value, low, high = (parameter.scale * v for v in (found.value, found.low, found.high))
-        ends = ", ".join("–" if rise is None else f"{rise:.1f}" for rise in found.rises)
-        known = f"{low:.3f} to {high:.3f}" if found.identifiable else "not identifiable"
-        unit = f" {parameter.unit}" if parameter.unit else ""
-        rows.append((parameter.name, parameter.description, f"{value:.3f}{unit}", known, ends))
-    return rows
+    return Preset(Path(PRESET_FILE).stem, source, tree)
 
 
 def _text(report: Identification) -> str:
     """The report as Markdown."""
-    columns = [Column(name, itemgetter(k)) for k, name in enumerate(HEADER)]
     unknown = [f"- {words}" for words in report.unidentifiable]
     noise = report.noise
     return f"""# Parameters identified from {report.track}
@@ -229,7 +195,7 @@ def _text(report: Identification) -> str:
 {report.frames} frames in {report.duration_s:.1f} s; all else is of the preset {report.preset}. The
 robot as it was identified is in [{PRESET_FILE}]({PRESET_FILE}), for `--preset`.
 
-{markdown(columns, table(report))}
+{markdown(COLUMNS, report.parameters)}
 
 The rise is that of the sum of squares at the ends of the interval, by simulation. Were the model
 linear, it would be {QUANTILE**2:.2f}; where it is much larger the true interval is narrower, where

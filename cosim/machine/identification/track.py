@@ -80,90 +80,117 @@ def write_excitation(path: Path) -> None:
 
 
 def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTrack:
-    """Read a track.
+    """Read a CSV file with the columns `COLUMNS`, in any order and case, and perhaps others.
+
+    They are in seconds, metres, radians counter-clockwise from +x, and rad/s. Cells are separated
+    by commas, semicolons or tabs; headings may name the unit, as in "time [s]".
 
     Args:
-        path: of a CSV file with the columns `COLUMNS`, in any order and case, and perhaps others:
-            seconds, metres, radians counter-clockwise from +x, rad/s. Cells are separated by
-            commas, semicolons or tabs; headings may name the unit, as in "time [s]".
+        path: of the file.
         board_m: width and height of the board with its corner at the origin; by default endless.
 
     Raises:
         FileError: the file cannot be read, or its content cannot be used.
     """
+    try:
+        return _checked(*_table(path), board_m)
+    except ValueError as fault:  # what is wrong, and how to fix it
+        raise FileError(f"{path}: {fault}") from None
+
+
+def _table(path: Path) -> tuple[np.ndarray, list[int]]:
+    """Frames of a file, (n, 6) in the order of `COLUMNS`, and their lines."""
     content = read_bytes(path, _KIND)
     with parsing(path, _KIND):
         text = content.decode("utf-8-sig").splitlines() or [""]
         separator = max(",;\t", key=text[0].count)
         rows = csv.reader(text, delimiter=separator, skipinitialspace=True)
-        header = next(rows)
-        places = _places(header, path)
-        lines, numbers = [], []
-        for row in filter(None, rows):
-            if len(row) > len(header):
-                raise FileError(
-                    f"{path}: line {rows.line_num}: {len(row)} cells for {len(header)} columns; "
-                    "remove what is too much, and write decimal points instead of commas"
-                )
-            lines.append(rows.line_num)
-            cells = row + [""] * (len(header) - len(row))
-            numbers.append([_number(cells[k], name, path, lines[-1]) for name, k in places.items()])
-    table = np.array(numbers, dtype=float).reshape(-1, len(COLUMNS))
-    times = table[:, 0] - table[:1, 0]
-    if len(times) < LEAST_FRAMES or times[-1] < LEAST_S:
-        raise FileError(
-            f"{path}: ends at line {lines[-1] if lines else 1} after {len(times)} frames; record "
-            f"at least {LEAST_FRAMES} frames and {LEAST_S:g} s"
-        )
-    if times[-1] > MOST_S:
-        raise FileError(
-            f"{path}: the times of its frames span {times[-1]:.6g} s, more than {MOST_S:g} s; give "
-            "them in seconds, or cut the track"
-        )
-    poses = np.column_stack([table[:, 1:3], np.unwrap(table[:, 3])])
-    steps = np.diff(poses, axis=0)
-    outside = np.zeros(len(times), dtype=bool)
-    if board_m is not None:
-        outside = ((poses[:, :2] < 0.0) | (poses[:, :2] > board_m)).any(axis=1)
-    fast = np.abs(table[:, 4:]).max(axis=1) > MOST_SPEED_RAD_S
-    for wrong, what in (
-        (_later(np.diff(times) <= 0.0), "its time is not after the line before; sort the frames"),
-        (outside, "the robot has left the board; cut the track before"),
-        (
-            _later(np.hypot(*steps[:, :2].T) > MOST_STEP_M),
-            f"x and y jump by more than {MOST_STEP_M:g} m; give metres and leave the robot alone",
-        ),
-        (
-            _later(np.abs(steps[:, 2]) > MOST_TURN_RAD),
-            f"the heading jumps by more than {MOST_TURN_RAD:g} rad; give radians",
-        ),
-        (fast, f"a motor speed beyond {MOST_SPEED_RAD_S:g} rad/s; give rad/s"),
-    ):
-        if wrong.any():
-            raise FileError(f"{path}: line {lines[int(np.argmax(wrong))]}: {what}")
-    if not table[:, 4:].any():
-        raise FileError(f"{path}: omega_1 and omega_2 are 0 in every line; drive the robot")
-    commands = table[:, 4:].copy()
-    if wrong := _wrong_sign(poses, commands):
-        raise FileError(f"{path}: {wrong}")
-    return SeenTrack(times, poses, commands)
+        table = [(rows.line_num, row) for row in rows if row or rows.line_num == 1]
+    header = table.pop(0)[1]
+    columns = _columns(header)
+    numbers = []
+    for line, row in table:
+        if len(row) > len(header):
+            raise ValueError(
+                f"line {line}: {len(row)} cells for {len(header)} columns; remove what is too "
+                "much, and write decimal points instead of commas"
+            )
+        cells = row + [""] * (len(header) - len(row))
+        numbers.append([_number(cells[columns[name]], name, line) for name in COLUMNS])
+    return np.array(numbers).reshape(-1, len(COLUMNS)), [line for line, _ in table]
 
 
-def _places(header: list[str], path: Path) -> dict[str, int]:
+def _columns(header: list[str]) -> dict[str, int]:
     """Position of each of `COLUMNS` in the first line."""
     found: dict[str, int] = {}
     for k, heading in enumerate(header):
         match = _HEADING.fullmatch(heading.lower())
         name, unit = match.groups() if match else ("", None)
         if name in found:
-            raise FileError(f"{path}: line 1 has two columns {name}; remove or rename one")
+            raise ValueError(f"line 1 has two columns {name}; remove or rename one")
         if name in UNITS:
             if unit not in {None, UNITS[name]}:
-                raise FileError(f"{path}: line 1: {name} is in {unit}; give it in {UNITS[name]}")
+                raise ValueError(f"line 1: {name} is in {unit}; give it in {UNITS[name]}")
             found[name] = k
     if missing := [name for name in COLUMNS if name not in found]:
-        raise FileError(f"{path}: line 1 has no column {missing[0]}; give {','.join(COLUMNS)}")
-    return {name: found[name] for name in COLUMNS}
+        raise ValueError(f"line 1 has no column {missing[0]}; give {','.join(COLUMNS)}")
+    return found
+
+
+def _number(text: str, name: str, line: int) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        wrong = f"{text!r} is not a number" if text.strip() else "the number is missing"
+        fix = "write a decimal point" if "," in text else "fix or remove the line"
+        raise ValueError(f"line {line}: {name}: {wrong}; {fix}")
+    return value
+
+
+def _checked(table: np.ndarray, lines: list[int], board_m: tuple[float, float] | None) -> SeenTrack:
+    times, commands = table[:, 0] - table[:1, 0], table[:, 4:].copy()
+    if len(times) < LEAST_FRAMES or times[-1] < LEAST_S:
+        raise ValueError(
+            f"ends at line {lines[-1] if lines else 1} after {len(times)} frames; record at least "
+            f"{LEAST_FRAMES} frames and {LEAST_S:g} s"
+        )
+    if times[-1] > MOST_S:
+        raise ValueError(
+            f"the times of its frames span {times[-1]:.6g} s, more than {MOST_S:g} s; give them "
+            "in seconds, or cut the track"
+        )
+    poses = np.column_stack([table[:, 1:3], np.unwrap(table[:, 3])])
+    intervals, steps = np.diff(times, prepend=-1.0), np.diff(poses, axis=0, prepend=poses[:1])
+    places = poses[:, :2]
+    outside = (places < 0.0) | (places > (board_m or math.inf))
+    for wrong, what in (
+        (intervals <= 0.0, "its time is not after the line before; sort the frames"),
+        (
+            outside.any(axis=1) & (board_m is not None),
+            "the robot has left the board; cut the track before",
+        ),
+        (
+            np.hypot(*steps[:, :2].T) > MOST_STEP_M,
+            f"x and y jump by more than {MOST_STEP_M:g} m; give metres and leave the robot alone",
+        ),
+        (
+            np.abs(steps[:, 2]) > MOST_TURN_RAD,
+            f"the heading jumps by more than {MOST_TURN_RAD:g} rad; give radians",
+        ),
+        (
+            np.abs(commands).max(axis=1) > MOST_SPEED_RAD_S,
+            f"a motor speed beyond {MOST_SPEED_RAD_S:g} rad/s; give rad/s",
+        ),
+    ):
+        if wrong.any():
+            raise ValueError(f"line {lines[int(np.argmax(wrong))]}: {what}")
+    if not commands.any():
+        raise ValueError("omega_1 and omega_2 are 0 in every line; drive the robot")
+    if wrong := _wrong_sign(poses, commands):
+        raise ValueError(wrong)
+    return SeenTrack(times, poses, commands)
 
 
 def _wrong_sign(poses: np.ndarray, commands: np.ndarray) -> str | None:
@@ -188,20 +215,3 @@ def _wrong_sign(poses: np.ndarray, commands: np.ndarray) -> str | None:
             "heading towards the robot's front"
         )
     return None
-
-
-def _later(condition: np.ndarray) -> np.ndarray:
-    """Conditions on neighbours as conditions on the later one."""
-    return np.concatenate([[False], condition])
-
-
-def _number(text: str, name: str, path: Path, line: int) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        said = f"{text!r} is not a number" if text.strip() else "the number is missing"
-        fix = "write a decimal point" if "," in text else "fix or remove the line"
-        raise FileError(f"{path}: line {line}: {name}: {said}; {fix}")
-    return value

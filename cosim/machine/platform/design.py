@@ -34,21 +34,19 @@ _SPEED_TOLERANCE = 1e-3  # rad/s
 
 
 class Design(msgspec.Struct, frozen=True, kw_only=True):
-    """The content of `--json`; units in the names, None for impossible values.
+    """The content of `--json`; None for impossible values.
 
     Attributes:
-        speed_m_s: wanted.
-        lift_off_rad_s: motor speed at which the whole robot leaves the floor.
-        foot_lift_rad_s: motor speed above which a foot lifts.
-        feet_down_m_s: largest speed of which no foot lifts.
+        lift_off_rad_s, foot_lift_rad_s: motor speeds at which the whole robot leaves the floor, and
+            above which a foot lifts.
+        feet_down_m_s: largest speed at which no foot lifts.
         motor_speed_rad_s: for the wanted speed.
-        feet_stay_down: whether no foot lifts at it.
         unbalance_kg_m: m r of one motor as it is.
         least_unbalance_kg_m: m r of one motor from which on no foot lifts at the wanted speed.
         unbalance_motor_speed_rad_s: for the wanted speed, with that.
         foot_radius_m: circle of the feet from which on no foot lifts at the wanted speed.
         com_height_m: height of the centre of mass up to which no foot does.
-        percent_per_percent: change of the speed in per cent for 1 % more of a parameter.
+        percent_per_percent: change of the speed for 1 % more of a parameter.
     """
 
     schema_version: int = 1
@@ -67,35 +65,39 @@ class Design(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def design(robot: RobotParams, motor: MotorParams, speed_m_s: float) -> Design:
-    """Requirements of a speed.
-
-    Args:
-        robot, motor: as they are.
-        speed_m_s: wanted, positive.
-    """
+    """What a positive speed takes of a machine."""
     platform = robot_platform(robot, motor)
     foot_lift = foot_lift_speed(robot, motor)
     omega = motor_speed(robot, motor, speed_m_s)
 
-    def feet_down(factor: float) -> float:
-        stronger = motor._replace(r=factor * motor.r)
-        return _speed(robot, stronger, foot_lift_speed(robot, stronger)) - speed_m_s
+    def feet_down_m_s(motor: MotorParams) -> float:
+        return net_speed(robot_platform(robot, motor), foot_lift_speed(robot, motor))
+
+    def length(name: str) -> float | None:
+        """A length of the robot at which a foot begins to lift at the motor speed."""
+
+        def spare(value: float) -> float:
+            return foot_lift_speed(robot._replace(**{name: value}), motor) - (omega or math.nan)
+
+        return omega and _root(spare, *_LENGTHS_M)
 
     # Speed at the bound grows with the root of m r: the same force, in fewer and longer steps.
-    factor = _root(feet_down, *_FACTORS)
+    factor = _root(
+        lambda factor: feet_down_m_s(motor._replace(r=factor * motor.r)) - speed_m_s, *_FACTORS
+    )
     stronger = None if factor is None else motor._replace(r=factor * motor.r)
     return Design(
         speed_m_s=speed_m_s,
         lift_off_rad_s=lift_off_speed(platform),
         foot_lift_rad_s=foot_lift,
-        feet_down_m_s=_speed(robot, motor, foot_lift),
+        feet_down_m_s=feet_down_m_s(motor),
         motor_speed_rad_s=omega,
         feet_stay_down=omega is not None and omega <= foot_lift,
         unbalance_kg_m=motor.m * motor.r,
         least_unbalance_kg_m=stronger and stronger.m * stronger.r,
         unbalance_motor_speed_rad_s=stronger and motor_speed(robot, stronger, speed_m_s),
-        foot_radius_m=omega and _layout(robot, motor, omega, "foot_radius_m"),
-        com_height_m=omega and _layout(robot, motor, omega, "com_height_m"),
+        foot_radius_m=length("foot_radius_m"),
+        com_height_m=length("com_height_m"),
         percent_per_percent=sensitivities(platform, omega or _UNDER * lift_off_speed(platform)),
     )
 
@@ -107,19 +109,6 @@ def motor_speed(robot: RobotParams, motor: MotorParams, speed_m_s: float) -> flo
     return _root(lambda omega: net_speed(platform, omega) - speed_m_s, *bounds)
 
 
-def _speed(robot: RobotParams, motor: MotorParams, omega_rad_s: float) -> float:
-    return net_speed(robot_platform(robot, motor), omega_rad_s)
-
-
-def _layout(robot: RobotParams, motor: MotorParams, omega_rad_s: float, name: str) -> float | None:
-    """Value of a length of the robot at which a foot begins to lift at a motor speed."""
-
-    def spare(value: float) -> float:
-        return foot_lift_speed(robot._replace(**{name: value}), motor) - omega_rad_s
-
-    return _root(spare, *_LENGTHS_M)
-
-
 def _root(function: Callable[[float], float], low: float, high: float) -> float | None:
     if function(low) * function(high) > 0.0:
         return None
@@ -127,15 +116,9 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float 
 
 
 def least_foot_force(robot: RobotParams, motor: MotorParams, omega_rad_s: float) -> float:
-    """Smallest normal force of a foot in N over one turn of the motors.
+    """Smallest normal force of a foot in N over one turn of the motors, which turn either way.
 
-    Args:
-        robot: feet A and C stand half a foot radius ahead of the centre, B a whole one behind.
-        motor: each of two.
-        omega_rad_s: positive forwards, negative backwards.
-
-    Raises:
-        UserError: the whole robot would leave the floor, or the motors stand still.
+    Feet A and C stand half a foot radius ahead of the centre, B a whole one behind.
     """
     platform, omega = robot_platform(robot, motor), abs(omega_rad_s)
     theta = 2.0 * math.pi * (_SETTLED_TURNS + np.linspace(0.0, 1.0, _ANGLES))
@@ -157,10 +140,7 @@ def least_foot_force(robot: RobotParams, motor: MotorParams, omega_rad_s: float)
 
 
 def foot_lift_speed(robot: RobotParams, motor: MotorParams) -> float:
-    """Motor speed in rad/s above which a foot lifts, forwards or backwards.
-
-    Args: as of `least_foot_force`.
-    """
+    """Motor speed in rad/s above which a foot lifts, forwards or backwards."""
     platform = robot_platform(robot, motor)
     top = lift_off_speed(platform)
     bracket = 0.1 * min(slip_speed(platform), top), (1.0 - 1e-9) * top

@@ -1,19 +1,23 @@
 """Motion of the 1-DOF platform of Eq. (1), in closed form between slip, stop and reversal.
 
 Positions and net speeds are exact up to the root that ends a stroke. Not the robot: that is
-`cosim.physics.body`, which this module predicts wherever all feet slide alike.
+`cosim.physics.body`, which this module predicts wherever all feet slide alike. Every function of
+a motor speed raises UserError at one at which the platform would leave the floor, or stands still.
 """
 
 import itertools
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import root_scalar
 
 from cosim.base.errors import UserError
-from cosim.model.params import FIG_3, TABLE_I, TABLE_II, Fig3Params, MotorParams, RobotParams
+from cosim.base.reading import Kind, read_arrays
+from cosim.base.storage import replacing
+from cosim.model.params import FIG_3, TABLE_I, TABLE_II, MotorParams, RobotParams
 from cosim.physics.forces import platform_force
 from cosim.physics.stroke import Stroke, distance, next_stroke
 
@@ -22,6 +26,10 @@ REPEAT_TOLERANCE = 1e-12
 # More strokes than a turn can hold: one in each direction.
 CYCLE_STROKES = 4
 _DIFFERENCE = 2e-5  # of α and s on either side
+TABLE_MU = (0.1, 0.15, 0.2, 0.3, 0.4)
+TABLE_OMEGA = (700.0, 800.0, 900.0, 1000.0, 1100.0)
+POINTS_PER_CYCLE = 720
+_FILE = Kind("result of `minirobots platform`", "write one with --out")
 
 
 class Platform(NamedTuple):
@@ -42,9 +50,8 @@ class Platform(NamedTuple):
     g: float
 
 
-def fig_3_platform(preset: Fig3Params = FIG_3, g: float = TABLE_II.g) -> Platform:
-    """The platform with a motion like the printed Fig. 3."""
-    return Platform(preset.M, preset.m, preset.r, preset.mu, g)
+# Its motion is like the printed Fig. 3.
+FIG_3_PLATFORM = Platform(FIG_3.M, FIG_3.m, FIG_3.r, FIG_3.mu, TABLE_II.g)
 
 
 def robot_platform(robot: RobotParams = TABLE_I, motor: MotorParams = TABLE_II) -> Platform:
@@ -81,11 +88,7 @@ def drift_speed(platform: Platform) -> float:
 
 
 def slip_ratio(platform: Platform, omega_rad_s: float) -> float:
-    """The ratio s = (ω_c/ω)².
-
-    Raises:
-        UserError: the platform would leave the floor, or the motor stands still.
-    """
+    """The ratio s = (ω_c/ω)²."""
     if not 0.0 < omega_rad_s < lift_off_speed(platform):
         raise UserError(
             f"motor speed {omega_rad_s:g} rad/s: choose one between 0 and "
@@ -104,11 +107,7 @@ def dimensionless_strokes(alpha: float, s: float) -> Iterator[Stroke]:
 
 
 def strokes(platform: Platform, omega_rad_s: float, cycles: int) -> list[Stroke]:
-    """Strokes that begin in the first turns of the motor, from rest at θ = 0.
-
-    Raises:
-        UserError: see `net_speed`.
-    """
+    """Strokes that begin in the first turns of the motor, from rest at θ = 0."""
     s, alpha = slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
     end = 2.0 * math.pi * cycles
     return list(
@@ -122,11 +121,7 @@ def length_unit(platform: Platform) -> float:
 
 
 def trajectory(platform: Platform, omega_rad_s: float, theta: np.ndarray) -> np.ndarray:
-    """Position in m at increasing angles θ ≥ 0 in rad, from rest at θ = 0; same shape.
-
-    Raises:
-        UserError: see `net_speed`.
-    """
+    """Position in m at increasing angles θ ≥ 0 in rad, from rest at θ = 0; same shape."""
     s, alpha = slip_ratio(platform, omega_rad_s), math.atan(platform.mu)
     position = np.zeros_like(theta)
     for stroke in strokes(platform, omega_rad_s, math.ceil(theta[-1] / (2.0 * math.pi))):
@@ -137,11 +132,7 @@ def trajectory(platform: Platform, omega_rad_s: float, theta: np.ndarray) -> np.
 
 
 def net_displacement(platform: Platform, omega_rad_s: float) -> float:
-    """Displacement in m along +Y per turn of the motor, once the motion repeats itself.
-
-    Raises:
-        UserError: see `net_speed`.
-    """
+    """Displacement in m along +Y per turn of the motor, once the motion repeats itself."""
     s = slip_ratio(platform, omega_rad_s)
     return length_unit(platform) * _net_distance(math.atan(platform.mu), s)
 
@@ -161,15 +152,7 @@ def _net_distance(alpha: float, s: float) -> float:
 
 
 def net_speed(platform: Platform, omega_rad_s: float) -> float:
-    """Mean speed in m/s along +Y.
-
-    Args:
-        platform: masses and friction.
-        omega_rad_s: motor speed, positive (a negative one moves the platform along −Y).
-
-    Raises:
-        UserError: the platform would leave the floor, or the motor stands still.
-    """
+    """Mean speed in m/s along +Y at a positive motor speed."""
     return net_displacement(platform, omega_rad_s) * omega_rad_s / (2.0 * math.pi)
 
 
@@ -178,9 +161,6 @@ def sensitivities(platform: Platform, omega_rad_s: float) -> dict[str, float]:
 
     By `unbalance` (m r of all motors, at constant weight), `mu`, `mass` (of the platform) and
     `omega`. The dimensionless distance depends on α and s alone: its derivatives are differences.
-
-    Raises:
-        UserError: see `net_speed`.
     """
     s, alpha, h = slip_ratio(platform, omega_rad_s), math.atan(platform.mu), _DIFFERENCE
     total = 2.0 * h * _net_distance(alpha, s)
@@ -202,3 +182,98 @@ def forces(
     pairs = [platform_force(platform.m, platform.r, platform.g, t, omega_rad_s) for t in theta]
     driving, vertical = np.array(pairs).T
     return driving, platform.mu * (platform.mass * platform.g - vertical)
+
+
+class Motion(NamedTuple):
+    """Motion of a platform from rest over some turns of its motor; (n,) angles.
+
+    Attributes:
+        driving_force_n, friction_limit_n: (n,) driving force, and friction that holds.
+        omega_rad_s: speed of the motor, ().
+        mu: ().
+        net_displacement_m: of one turn once the motion repeats itself, ().
+    """
+
+    theta_rad: np.ndarray
+    time_s: np.ndarray
+    position_m: np.ndarray
+    driving_force_n: np.ndarray
+    friction_limit_n: np.ndarray
+    omega_rad_s: np.ndarray
+    mu: np.ndarray
+    net_displacement_m: np.ndarray
+
+
+class SpeedTable(NamedTuple):
+    """Robots as platforms, (m,) friction coefficients at (n,) motor speeds.
+
+    Attributes:
+        net_speed_m_s: (m, n).
+        slip_and_drift_speed_rad_s: (m, 2) motor speeds above which it slides and gets ahead.
+    """
+
+    mu: np.ndarray
+    omega_rad_s: np.ndarray
+    net_speed_m_s: np.ndarray
+    slip_and_drift_speed_rad_s: np.ndarray
+
+
+class PlatformResult(NamedTuple):
+    """The data of Fig. 3, an .npz file in which `paper_mu` is the `mu` of `paper`.
+
+    Attributes:
+        paper: the platform with a motion like the printed Fig. 3.
+        table_ii: the robot of Tables I and II, or of another machine.
+    """
+
+    paper: Motion
+    table_ii: Motion
+    table: SpeedTable
+
+    def save(self, path: Path) -> None:
+        """Write the file."""
+        arrays = {
+            f"{motion}_{name}": array
+            for motion, values in self._asdict().items()
+            for name, array in values._asdict().items()
+        }
+        with replacing(path) as temporary:
+            np.savez(temporary, allow_pickle=False, **arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> "PlatformResult":
+        """Read what `save` wrote; raises FileError."""
+        forms = cls.__annotations__
+        names = [f"{motion}_{name}" for motion, form in forms.items() for name in form._fields]
+        arrays = iter(read_arrays(path, _FILE, names).values())
+        return cls(*(form(*(next(arrays) for _ in form._fields)) for form in forms.values()))
+
+
+def _motion(platform: Platform, omega: float, cycles: int) -> Motion:
+    theta = np.linspace(0.0, 2.0 * math.pi * cycles, POINTS_PER_CYCLE * cycles + 1)
+    return Motion(
+        theta,
+        theta / omega,
+        trajectory(platform, omega, theta),
+        *forces(platform, omega, theta),
+        np.array(omega),
+        np.array(platform.mu),
+        np.array(net_displacement(platform, omega)),
+    )
+
+
+def move_platforms(
+    cycles: int, omega_rad_s: float, robot: RobotParams = TABLE_I, motor: MotorParams = TABLE_II
+) -> PlatformResult:
+    """Motion of both platforms, and the table of net speeds of the robot's at any friction."""
+    platforms = [robot_platform(robot._replace(mu=each), motor) for each in TABLE_MU]
+    return PlatformResult(
+        _motion(FIG_3_PLATFORM, FIG_3.omega, cycles),
+        _motion(robot_platform(robot, motor), omega_rad_s, cycles),
+        SpeedTable(
+            np.array(TABLE_MU),
+            np.array(TABLE_OMEGA),
+            np.array([[net_speed(p, omega) for omega in TABLE_OMEGA] for p in platforms]),
+            np.array([[slip_speed(p), drift_speed(p)] for p in platforms]),
+        ),
+    )

@@ -1,7 +1,6 @@
 """Robots without feedback: speeds, what they depend on, and paths by the clock alone."""
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,25 +16,17 @@ from cosim.machine.platform.motion import (
     robot_platform,
     sensitivities,
 )
+from cosim.machine.validation.published import Legs
 from cosim.model.config import CoSimConfig
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.physics.body_state import PLANE, QUATERNION
 
 _PHASE_S = 0.5  # in which motors come to their speed and to the phase between them
 _REST_S = 0.5  # in which robots come to rest
-# Three V of 1 cm legs and 20° to either side (assumed; what was published of them is not at hand).
-V_STEPS, V_LEG_M, V_HALF_RAD = 3, 0.01, math.radians(20.0)
 
 STEP = 0.05  # of central differences, relative
 # Of the robot, and the unbalance of its motors.
 PARAMETERS = ("mu", "m r", "mass_kg", "com_height_m", "foot_radius_m", "motor_radius_m")
-
-
-class Leg(NamedTuple):
-    """A part of a path: a manoeuvre of `MANOEUVRES`, and how far, in m or rad."""
-
-    manoeuvre: str
-    amount: float
 
 
 class MeasuredSpeed(NamedTuple):
@@ -57,15 +48,7 @@ def measured_speed(
 ) -> MeasuredSpeed:
     """Co-simulate robots at constant set points, without the steering's dither.
 
-    Args:
-        config: of the co-simulation.
-        fmu: of every motor.
-        manoeuvre: one of `MANOEUVRES`.
-        omega_rad_s: of both motors.
-        phases: between the motors, evenly over a turn.
-
-    Raises:
-        FmuError: the FMU failed.
+    Motors have so many phases between them, evenly over a turn.
     """
     d, e = MANOEUVRES[manoeuvre]
     points = [
@@ -76,14 +59,6 @@ def measured_speed(
     motion = e * table[:, AHEAD if manoeuvre in DRIVES else TURNING]
     shares = float(table[:, AIRBORNE].mean())
     return MeasuredSpeed(float(motion.mean()), float(motion.min()), float(motion.max()), shares)
-
-
-def _changed(config: CoSimConfig, parameter: str, factor: float) -> CoSimConfig:
-    """Return a configuration with a multiple of one of `PARAMETERS`."""
-    if parameter == "m r":
-        return replace(config, motor=config.motor._replace(r=factor * config.motor.r))
-    value = factor * getattr(config.robot, parameter)
-    return replace(config, robot=config.robot._replace(**{parameter: value}))
 
 
 def value_of(config: CoSimConfig, parameter: str) -> float:
@@ -98,38 +73,32 @@ def measured_sensitivities(
 ) -> dict[str, float | None]:
     """Derivatives d ln v / d ln p of the speed forwards, by central differences of 5 %.
 
-    Args:
-        config: of the machine.
-        fmu: of every motor.
-        omega_rad_s: of both motors.
-        phases: between them, see `measured_speed`; noise and phases are the same on both sides.
-
-    Returns:
-        By the names of `PARAMETERS`, and `motor speed`; None where the robot does not move
-        forwards.
-
-    Raises:
-        FmuError: the FMU failed.
+    They are by the names of `PARAMETERS`, and `motor speed`, and None where the robot does not move
+    forwards. Noise and phases are the same on both sides.
     """
 
-    def speed(changed: CoSimConfig, omega: float) -> float:
+    def speed(parameter: str, factor: float) -> float:
+        changed, omega = config, omega_rad_s
+        if parameter == "motor speed":
+            omega = factor * omega_rad_s
+        elif parameter == "m r":
+            changed = replace(config, motor=config.motor._replace(r=factor * config.motor.r))
+        else:
+            value = factor * getattr(config.robot, parameter)
+            changed = replace(config, robot=config.robot._replace(**{parameter: value}))
         return measured_speed(changed, fmu, "forwards", omega, phases).mean
 
-    def slope(at: Callable[[float], float]) -> float | None:
-        high, low = at(1.0 + STEP), at(1.0 - STEP)
-        if min(high, low) <= 0.0:
-            return None
-        return math.log(high / low) / math.log((1.0 + STEP) / (1.0 - STEP))
-
-    found = {
-        name: slope(lambda factor, name=name: speed(_changed(config, name, factor), omega_rad_s))
-        for name in PARAMETERS
-    }
-    return found | {"motor speed": slope(lambda factor: speed(config, factor * omega_rad_s))}
+    slopes: dict[str, float | None] = {}
+    for parameter in (*PARAMETERS, "motor speed"):
+        high, low = speed(parameter, 1.0 + STEP), speed(parameter, 1.0 - STEP)
+        moves = min(high, low) > 0.0
+        run = math.log((1.0 + STEP) / (1.0 - STEP))
+        slopes[parameter] = math.log(high / low) / run if moves else None
+    return slopes
 
 
 def closed_form(config: CoSimConfig, omega_rad_s: float) -> dict[str, float]:
-    """Return the 1-DOF platform's sensitivity, where it has the parameter and moves."""
+    """The 1-DOF platform's sensitivities, of parameters that it has and where it moves."""
     platform = robot_platform(config.robot, config.motor)
     if not drift_speed(platform) < omega_rad_s < lift_off_speed(platform):
         return {}
@@ -138,54 +107,26 @@ def closed_form(config: CoSimConfig, omega_rad_s: float) -> dict[str, float]:
     return {names.get(name, name): slope for name, slope in found.items()}
 
 
-def polygon(sides: int, side_m: float) -> list[Leg]:
-    """A closed path back to its start, and to its first heading."""
-    return [Leg("forwards", side_m), Leg("left", 2.0 * math.pi / sides)] * sides
-
-
-def sideways(steps: int, leg_m: float, half_angle_rad: float) -> list[Leg]:
-    """Steps to the left in the shape of a V: forwards and back again, at an angle to each other.
-
-    Each is meant to displace by 2 leg sin(half angle), and to end with the heading it began with.
-    """
-    return [
-        Leg("left", half_angle_rad),
-        Leg("forwards", leg_m),
-        Leg("right", 2.0 * half_angle_rad),
-        Leg("backwards", leg_m),
-        Leg("left", half_angle_rad),
-    ] * steps
-
-
-def v_meant_m() -> float:
-    """Sideways displacement that the V-shaped steps are meant to give, in m."""
-    return V_STEPS * 2.0 * V_LEG_M * math.sin(V_HALF_RAD)
-
-
 def drive_by_the_clock(
     config: CoSimConfig,
     fmu: MotorFmu,
-    path: Sequence[Leg],
+    legs: Legs,
     robots: int,
     seed: int,
     *,
     dithered: bool,
 ) -> np.ndarray:
-    """Robots that drive a path by the time that its parts take, blind for where they are.
+    """Displacement (robots, 3) in m, x along the first heading, and turned angle in rad.
+
+    Robots drive a path by the time that its parts take, blind for where they are.
 
     Args:
         config: calibrated.
         fmu: of every motor.
-        path: to be driven from heading 0, along +x.
+        legs: of the path.
         robots: each with noise of its own, and a phase between its motors at the start.
         seed: of noise and phases.
         dithered: whether motors have the dither of the steering.
-
-    Returns:
-        (robots, 3): displacement in m, x along the first heading, and turned angle in rad.
-
-    Raises:
-        FmuError: the FMU failed.
     """
     steering, period_s = config.steering, config.timing.control_period_s
     speeds = {
@@ -210,7 +151,7 @@ def drive_by_the_clock(
         trial.commands[:, MODE] = DIRECT
         ahead = np.outer(phase_rad / _PHASE_S, (0.0, 1.0))
         ahead_periods, side = round(_PHASE_S / period_s), 1.0
-        for manoeuvre, amount in path:
+        for manoeuvre, amount in legs:
             signs, (speed, rate) = np.array(MANOEUVRES[manoeuvre]), speeds[manoeuvre]
             left = round(amount / rate / period_s)
             while left:

@@ -8,7 +8,10 @@ import math
 from typing import Literal, NamedTuple
 
 Certainty = Literal["seen", "recalled", "derived"]
-Manoeuvre = Literal["forwards", "backwards", "left"]
+Manoeuvre = Literal["forwards", "backwards", "left", "right"]
+Legs = tuple[
+    tuple[Manoeuvre, float], ...
+]  # manoeuvres one after the other, and how far in m or rad
 
 
 class PublishedSpeed(NamedTuple):
@@ -16,11 +19,8 @@ class PublishedSpeed(NamedTuple):
 
     Attributes:
         preset: machine that stands for it.
-        manoeuvre: of the robot.
         omega_rad_s: of both motors.
         value: in mm/s, or °/s; None where only the simulated one is of interest.
-        certainty: of the value.
-        source: of it.
     """
 
     preset: str
@@ -32,21 +32,46 @@ class PublishedSpeed(NamedTuple):
 
 
 class PublishedPath(NamedTuple):
-    """A closed path driven without looking, as often as there were numbers of it.
+    """A path driven by the clock, as often as there were numbers of it.
 
     Attributes:
-        sides: of the regular polygon.
-        side_mm: length of each.
-        off_mm: distance from start to end, of each that was driven.
-        turned_deg: heading at the end next to that at the start, likewise; None if not published.
+        meant: displacement in m and turned angle in rad at its end.
+        off_mm: distance from where it should have ended, of each that was driven.
+        turned_deg: heading at the end next to that at the start; None if not published.
         source: of the numbers, which were all seen.
     """
 
-    sides: int
-    side_mm: float
+    name: str
+    legs: Legs
+    meant: tuple[float, float, float]
     off_mm: tuple[float, ...]
     turned_deg: float | None
     source: str
+
+
+def polygon(
+    sides: int, side_mm: float, off_mm: tuple[float, ...], turned_deg: float | None
+) -> PublishedPath:
+    """A closed path back to its start, and to its first heading."""
+    legs: Legs = (("forwards", 1e-3 * side_mm), ("left", 2.0 * math.pi / sides))
+    name = f"{'triangle' if sides == 3 else 'square'} of {side_mm / 10.0:g} cm"
+    return PublishedPath(
+        name, legs * sides, (0.0, 0.0, 2.0 * math.pi), off_mm, turned_deg, _DROPLET
+    )
+
+
+def sideways(steps: int, leg_m: float, half_rad: float) -> PublishedPath:
+    """Steps to the left in the shape of a V: forwards and back again, at an angle to each other."""
+    legs: Legs = (
+        ("left", half_rad),
+        ("forwards", leg_m),
+        ("right", 2.0 * half_rad),
+        ("backwards", leg_m),
+        ("left", half_rad),
+    )
+    meant_m = steps * 2.0 * leg_m * math.sin(half_rad)
+    name = f"V-shaped steps, {1e3 * meant_m:.1f} mm to the left"
+    return PublishedPath(name, legs * steps, (0.0, meant_m, 0.0), (), None, "not at hand")
 
 
 _ICRA = "ICRA 2006, prototype: 0.5 to 1.5 mm/s at 1050 to 1200 rad/s"
@@ -70,10 +95,12 @@ SPEEDS = (
     PublishedSpeed("paper", "left", 1083.0, 45.0, "recalled", _KILOBOT),
 )
 
+# The V are of 1 cm legs and 20° to either side (assumed; what was published is not at hand).
 PATHS = (
-    PublishedPath(4, 80.0, (27.5,), 27.0, _DROPLET),
-    PublishedPath(4, 65.0, (14.0,), 39.0, _DROPLET),
-    PublishedPath(3, 60.0, (32.8, 27.7), None, _DROPLET),
+    polygon(4, 80.0, (27.5,), 27.0),
+    polygon(4, 65.0, (14.0,), 39.0),
+    polygon(3, 60.0, (32.8, 27.7), None),
+    sideways(3, 0.01, math.radians(20.0)),
 )
 
 

@@ -1,14 +1,14 @@
 """The rows and tables of docs/validation.md: simulated numbers next to published ones."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from cosim.base.table import Column, Columns, markdown
-from cosim.machine.validation.driving import PARAMETERS, MeasuredSpeed, v_meant_m, value_of
+from cosim.machine.validation.driving import PARAMETERS, MeasuredSpeed, value_of
 from cosim.machine.validation.published import PublishedPath, PublishedSpeed, step_um
 from cosim.model.preset import find_preset
 
@@ -42,22 +42,22 @@ class ValidationReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def report_of(
-    speeds: Sequence[tuple[PublishedSpeed, MeasuredSpeed]],
-    slopes: Sequence[tuple[PublishedSpeed, Mapping[str, float | None], Mapping[str, float]]],
-    paths: Sequence[tuple[PublishedPath | None, bool, list[list[float]]]],
+    speeds: Mapping[PublishedSpeed, MeasuredSpeed],
+    slopes: Mapping[PublishedSpeed, tuple[Mapping[str, float | None], Mapping[str, float]]],
+    paths: Iterable[tuple[PublishedPath, bool, list[list[float]]]],
     phases: int,
     seed: int,
 ) -> ValidationReport:
     """Measured numbers next to published ones.
 
     Args:
-        speeds: published and measured.
-        slopes: where; d ln v / d ln p by the parameter, simulated and in closed form.
-        paths: published, None for the V-shaped steps; whether motors had the steering's dither;
-            and of each robot displacement in m and turned angle in rad, over what was intended.
+        speeds: measured ones.
+        slopes: d ln v / d ln p by the parameter, simulated and in closed form.
+        paths: published; whether motors had the steering's dither; and of each robot displacement
+            in m and turned angle in rad, over what was intended.
         phases, seed: see `ValidationReport`.
     """
-    rows, measured = tuple(_speed_row(*pair) for pair in speeds), dict(speeds)
+    rows = tuple(_speed_row(*pair) for pair in speeds.items())
     return ValidationReport(
         phases=phases,
         seed=seed,
@@ -65,8 +65,8 @@ def report_of(
         reversals=tuple(_reversals(rows)),
         sensitivities=tuple(
             row
-            for point, dynamics, platform in slopes
-            for row in _sensitivity_rows(point, measured[point].mean, dynamics, platform)
+            for point, found in slopes.items()
+            for row in _sensitivity_rows(point, speeds[point].mean, *found)
         ),
         paths=tuple(_path_row(*path) for path in paths),
     )
@@ -98,14 +98,14 @@ def _ratio(simulated: float, published: float | None) -> float | None:
     return None if published is None else simulated / published
 
 
-def _reversals(speeds: Sequence[Row]) -> Iterator[Row]:
+def _reversals(speeds: Iterable[Row]) -> Iterator[Row]:
     """Of every machine and motor speed with both directions."""
     rows = {(row["preset"], row["motor_speed_rad_s"], row["manoeuvre"]): row for row in speeds}
     for (preset, omega, manoeuvre), back in rows.items():
         ahead = rows.get((preset, omega, "forwards"))
         if manoeuvre == "backwards" and ahead is not None:
             simulated, published = back["simulated"] / ahead["simulated"], None
-            if back["published"] is not None and ahead["published"] is not None:
+            if back["published"] and ahead["published"]:
                 published = back["published"] / ahead["published"]
             yield {
                 "preset": preset,
@@ -141,16 +141,12 @@ def _sensitivity_rows(
         }
 
 
-def _path_row(path: PublishedPath | None, dithered: bool, driven: list[list[float]]) -> Row:
+def _path_row(path: PublishedPath, dithered: bool, driven: list[list[float]]) -> Row:
     ends = np.array(driven)
     off_mm = 1e3 * np.hypot(ends[:, 0], ends[:, 1])
     turned = np.degrees(ends[:, 2])
-    if path is None:
-        name = f"V-shaped steps, {1e3 * v_meant_m():.1f} mm to the left"
-    else:
-        name = f"{'triangle' if path.sides == 3 else 'square'} of {path.side_mm / 10.0:g} cm"
     return {
-        "path": name,
+        "path": path.name,
         "dithered": dithered,
         "robots": len(ends),
         "off_mm": float(off_mm.mean()),
@@ -158,28 +154,15 @@ def _path_row(path: PublishedPath | None, dithered: bool, driven: list[list[floa
         "sideways_mm": float(1e3 * ends[:, 1].mean()),
         "turned_deg": float(turned.mean()),
         "turned_scatter_deg": float(turned.std()),
-        "published_mm": path.off_mm if path else (),
-        "ratio": float(off_mm.mean() / np.mean(path.off_mm)) if path else None,
-        "published_deg": path.turned_deg if path else None,
-        "source": path.source if path else "not at hand",
+        "published_mm": path.off_mm,
+        "ratio": float(off_mm.mean() / np.mean(path.off_mm)) if path.off_mm else None,
+        "published_deg": path.turned_deg,
+        "source": path.source,
     }
 
 
-def _source(published: str, certainty: str) -> Callable[[Row], str]:
-    """Return the text of a row: the source of its published value, with its certainty."""
-    form = "{source}, " + certainty
-
-    def text(row: Row) -> str:
-        short = row | {"source": row["source"].partition(",")[0]}
-        return form.format(**short) if row[published] not in {None, ()} else "–"
-
-    return text
-
-
-def _column(heading: str, form: str | Callable[[Row], str]) -> Column:
-    """Return a column; a dash where a value of the format is None."""
-    if callable(form):
-        return Column(heading, form)
+def _column(heading: str, form: str) -> Column:
+    """Return the column of a format; a dash where a value of it is None."""
 
     def text(row: Row) -> str:
         try:
@@ -190,89 +173,89 @@ def _column(heading: str, form: str | Callable[[Row], str]) -> Column:
     return Column(heading, text)
 
 
-_PRESET, _OMEGA = ("preset", "{preset}"), ("rad/s", "{motor_speed_rad_s:.0f}")
-_RATIO = ("ratio", "{ratio:.2f}")
-_TABLES: dict[str, tuple[str, tuple[tuple[str, str | Callable[[Row], str]], ...]]] = {
-    "Speeds": (
-        "speeds",
+def _source(published: str, certainty: str) -> Column:
+    """Return the column with the source of a published value, and its certainty."""
+
+    def text(row: Row) -> str:
+        short = row["source"].partition(",")[0]
+        return f"{short}, {certainty or row['certainty']}" if row[published] else "–"
+
+    return Column("source", text)
+
+
+def _off(row: Row) -> str:
+    return " and ".join(f"{off:g} mm" for off in row["published_mm"]) or "–"
+
+
+_PRESET, _OMEGA = _column("preset", "{preset}"), _column("rad/s", "{motor_speed_rad_s:.0f}")
+_RATIO = _column("ratio", "{ratio:.2f}")
+_TABLES: dict[str, tuple[str, Columns]] = {
+    "speeds": (
+        "Speeds",
         (
             _PRESET,
-            ("manoeuvre", "{manoeuvre}"),
+            _column("manoeuvre", "{manoeuvre}"),
             _OMEGA,
-            (
+            _column(
                 "simulated (range over phases)",
                 "{simulated:.2f} ({least:.2f} to {largest:.2f}) {unit}",
             ),
-            ("in the air", "{airborne_share:.0%}"),
-            ("published", "{published:g}"),
+            _column("in the air", "{airborne_share:.0%}"),
+            _column("published", "{published:g}"),
             _RATIO,
-            ("step, simulated", "{step_um:.1f} µm"),
-            ("published", "{published_step_um:.1f} µm (derived)"),
-            ("source", _source("published", "{certainty}")),
+            _column("step, simulated", "{step_um:.1f} µm"),
+            _column("published", "{published_step_um:.1f} µm (derived)"),
+            _source("published", ""),
         ),
     ),
-    "Backwards": (
-        "reversals",
+    "reversals": (
+        "Backwards",
         (
             _PRESET,
             _OMEGA,
-            ("backwards over forwards, simulated", "{simulated:.2f}"),
-            ("published", "{published:.2f}"),
+            _column("backwards over forwards, simulated", "{simulated:.2f}"),
+            _column("published", "{published:.2f}"),
             _RATIO,
-            ("source", _source("published", "derived")),
+            _source("published", "derived"),
         ),
     ),
-    "What a speed depends on": (
-        "sensitivities",
+    "sensitivities": (
+        "What a speed depends on",
         (
             _PRESET,
             _OMEGA,
-            ("parameter", "{parameter}"),
-            ("value", "{value:.3g}"),
-            ("dynamics", "{dynamics:+.2f}"),
-            ("platform", "{platform:+.2f}"),
-            ("explains", "{explains:.3g}"),
+            _column("parameter", "{parameter}"),
+            _column("value", "{value:.3g}"),
+            _column("dynamics", "{dynamics:+.2f}"),
+            _column("platform", "{platform:+.2f}"),
+            _column("explains", "{explains:.3g}"),
         ),
     ),
-    "Paths by the clock": (
-        "paths",
+    "paths": (
+        "Paths by the clock",
         (
-            ("path", "{path}"),
-            ("dither", lambda row: "on" if row["dithered"] else "off"),
-            ("off, simulated", "{off_mm:.1f} mm"),
-            ("largest", "{off_largest_mm:.1f} mm"),
-            ("to the left", "{sideways_mm:+.1f} mm"),
-            ("turned, simulated", "{turned_deg:+.1f} ± {turned_scatter_deg:.1f}°"),
-            (
-                "off, published",
-                lambda row: " and ".join(f"{off:g} mm" for off in row["published_mm"]) or "–",
-            ),
+            _column("path", "{path}"),
+            Column("dither", lambda row: "on" if row["dithered"] else "off"),
+            _column("off, simulated", "{off_mm:.1f} mm"),
+            _column("largest", "{off_largest_mm:.1f} mm"),
+            _column("to the left", "{sideways_mm:+.1f} mm"),
+            _column("turned, simulated", "{turned_deg:+.1f} ± {turned_scatter_deg:.1f}°"),
+            Column("off, published", _off),
             _RATIO,
-            ("turned", "{published_deg:g}°"),
-            ("source", _source("published_mm", "seen")),
+            _column("turned", "{published_deg:g}°"),
+            _source("published_mm", "seen"),
         ),
     ),
 }
 
 
-class TitledTable(NamedTuple):
-    """A table of a report: its title, columns and rows."""
-
-    title: str
-    columns: Columns
-    rows: tuple[Row, ...]
-
-
-def tables(report: ValidationReport) -> list[TitledTable]:
-    """Return all tables."""
-    return [
-        TitledTable(title, [_column(*column) for column in columns], getattr(report, rows))
-        for title, (rows, columns) in _TABLES.items()
-    ]
+def tables(report: ValidationReport) -> list[tuple[str, Columns, tuple[Row, ...]]]:
+    """Title, columns and rows of all tables."""
+    return [(title, columns, getattr(report, rows)) for rows, (title, columns) in _TABLES.items()]
 
 
 def text_of(report: ValidationReport) -> str:
     """Return the tables as Markdown, with the sources of their numbers."""
-    parts = [f"## {t.title}\n\n{markdown(t.columns, t.rows)}" for t in tables(report)]
+    texts = [f"## {title}\n\n{markdown(columns, rows)}" for title, columns, rows in tables(report)]
     sources = dict.fromkeys(f"- {row['source']}" for row in (*report.speeds, *report.paths))
-    return "\n\n".join([*parts, "\n".join(sources)])
+    return "\n\n".join([*texts, "\n".join(sources)])

@@ -215,7 +215,9 @@ def test_physics_are_options_of_environments():
     env.reset(seed=0)
     assert boards._episodes()[0].config.robot.mu == 0.15
     env.close()
-    with pytest.raises(ConfigError, match=r"no option friction; choose from world, worlds, .* mu,"):
+    with pytest.raises(
+        ConfigError, match=r"option friction is unknown; choose one of world, worlds, .* mu,"
+    ):
         gym.make("MiniRobots/CoSim-v0", friction=0.2)
     with pytest.raises(ConfigError, match="mu has no effect on the grid"):
         gym.make("MiniRobots/SingleA-v0", mu=0.2)

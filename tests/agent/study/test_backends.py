@@ -75,7 +75,6 @@ def of_transfer(place: Place, _: pytest.MonkeyPatch) -> Any:
 def of_validate(place: Place, patch: pytest.MonkeyPatch) -> Any:
     patch.setattr(measurement, "SPEEDS", SPEEDS[-2:])
     patch.setattr(measurement, "PATHS", ())
-    patch.setattr(measurement, "sideways", lambda *_: [])
     patch.setattr(measurement, "cache_dir", lambda _: place.out)
     place.out.mkdir()
     fmu = SimulationOptions().fmu()

@@ -206,7 +206,7 @@ def test_a_file_has_nothing_of_the_command(tmp_path):
         ([], {"scenario": NEAR}, "need at least one value each"),
         ("missing:Name", {"scenario": NEAR}, "cannot be imported"),
         (Stubborn(), {"scenario": NEAR, "mu": []}, "need at least one value each"),
-        (Stubborn(), {"scenario": NEAR, "friction": 0.1}, "study has no option friction"),
+        (Stubborn(), {"scenario": NEAR, "friction": 0.1}, "study: option friction is unknown"),
         (Stubborn(), {"scenario": NEAR, "episodes": 0}, "must be at least 1"),
         (Stubborn(), {"scenario": NEAR, "out": 5}, "out = 5 is invalid"),
         (Stubborn(), {"scenario": NEAR, "jobs": "x"}, "jobs = 'x' is invalid"),

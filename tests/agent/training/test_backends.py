@@ -166,7 +166,7 @@ def test_a_script_without_a_guard_is_told_of_it(tmp_path):
 
 
 @pytest.mark.cluster
-@pytest.mark.parametrize("workers", [0, 1])
+@pytest.mark.parametrize("workers", [0, 2])
 def test_a_cluster_that_cannot_do_the_work_is_refused(workers, tmp_path, monkeypatch):
     from distributed import LocalCluster
 
@@ -179,4 +179,4 @@ def test_a_cluster_that_cannot_do_the_work_is_refused(workers, tmp_path, monkeyp
         act = import_module("own_policy").act
         said = "cannot import own_policy; install it" if workers else "has no workers"
         with pytest.raises(UserError, match=said):
-            list(sweep(act, [1], Workers(backend="dask", address=local.scheduler_address)))
+            list(sweep(act, [1, 2], Workers(backend="dask", address=local.scheduler_address)))

@@ -21,8 +21,8 @@ from analysis.figures.fig05 import robot_colour
 from analysis.figures.motor_cycle import Cycle
 from analysis.figures.paths import Track
 from analysis.reading.results import DRIVEN_BY
-from cosim.machine.platform.result import Motion, PlatformResult
-from cosim.model.built_in import PAPER
+from cosim.machine.platform.motion import Motion, PlatformResult
+from cosim.model.scenario_file import find_scenario
 
 POINTS = 7
 SHARES = {"success", "greedy_success"}
@@ -151,7 +151,7 @@ def track(seed: int, robots: int, outcome: str) -> Track:
 def test_paths_of_one_robot():
     axes: Any = plt.figure().add_subplot()
     tracks = [track(0, 1, "success"), track(5, 1, "collision")]
-    paths._draw_tracks(axes, PAPER["1a"], tracks)
+    paths._draw_tracks(axes, find_scenario("1a"), tracks)
     for line, each, style in zip(axes.lines[::2], tracks, "-:", strict=True):
         np.testing.assert_array_equal(line.get_xydata(), 100.0 * each.positions_m[0])
         assert (line.get_linestyle(), line.get_color()) == (style, robot_colour(0))

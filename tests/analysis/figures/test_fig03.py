@@ -7,7 +7,7 @@ from analysis.figures import fig03
 from analysis.figures.style import save
 from analysis.reading.results import RESULTS
 from cosim.base.errors import UserError
-from cosim.machine.platform.result import PlatformResult
+from cosim.machine.platform.motion import PlatformResult
 
 
 def test_curves_are_those_of_the_file(results):

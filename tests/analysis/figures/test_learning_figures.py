@@ -26,7 +26,7 @@ from analysis.figures.learning import (
 )
 from analysis.reading.results import RESULTS, read_experiment
 from cosim.base.errors import UserError
-from cosim.model.built_in import BUILT_IN
+from cosim.model.scenario_file import BUILT_IN, find_scenario
 from minirobots.runner import execute
 
 
@@ -108,8 +108,9 @@ def test_path_ratio_shows_every_run(results):
 
 
 def test_fig05_draws_every_scenario():
-    figure = fig05.draw(list(BUILT_IN.values()))
-    for axes, scenario in zip(figure.axes, BUILT_IN.values(), strict=True):
+    scenarios = [find_scenario(name) for name in BUILT_IN]
+    figure = fig05.draw(scenarios)
+    for axes, scenario in zip(figure.axes, scenarios, strict=True):
         cells = 1 + sum(len(starts) + 1 for starts in scenario.starts)
         assert len(axes.patches) == cells + len(scenario.obstacles)
         squares = [patch for patch in axes.patches if isinstance(patch, Rectangle)]

@@ -10,7 +10,7 @@ from cosim.coupling.fmu import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II
 from cosim.model.scenario import Scenario
-from cosim.simulation.cosimulation import CoSimulation
+from tests.alone import CoSimulation
 
 PAIR = ((TABLE_II, TABLE_II),)
 
@@ -52,7 +52,7 @@ def test_the_first_exchange_has_them(motor_fmu):
         config = replace(CoSimConfig(), timing=timing, motor_parameters=(given,))
         system = CoSimulation(scenario, motor_fmu, config)
         system.reset(((15, 15),), 0)
-        pushes.append(system.advance(np.array([2])).raw.normal[0].sum())
+        pushes.append(system.step(np.array([2])).raw.normal[0].sum())
         system.close()
     at_rest, turning = pushes  # m r ω² of two masses that hang
     assert turning - at_rest == pytest.approx(2.0 * TABLE_II.m * TABLE_II.r * 1e6, rel=0.05)

@@ -18,7 +18,7 @@ from cosim.coupling.fmu import FmuError, MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II, TIMING
 from cosim.model.scenario_file import find_scenario
-from cosim.simulation.cosimulation import CoSimulation
+from tests.alone import CoSimulation
 
 EQUAL = ((TABLE_II, TABLE_II),) * 2  # motors of two robots
 

@@ -14,11 +14,11 @@ from cosim.model.params import TABLE_II, MotorParams
 from cosim.model.scenario import Scenario
 from cosim.model.world import World
 from cosim.simulation.batch import DRIVERS
-from cosim.simulation.cosimulation import CoSimulation
 from cosim.simulation.options import Physics, SimulationOptions
 from fmus import build
 from fmus.build import build_fmu, is_built_in
 from fmus.variables import load_table
+from tests.alone import CoSimulation
 
 HEAVY = 2.0 * TABLE_II.J
 ONE = Scenario("one", "", ((5, 5),), (((15, 15),),))
@@ -52,7 +52,7 @@ def without(edited_fmu):
 def motors_after(fmu, config, steps=1, **options):
     system = CoSimulation(ONE, fmu, config, **options)
     system.reset(((15, 15),), 0)
-    omega = [system.advance(np.array([2])).samples.omega for _ in range(steps)]
+    omega = [system.step(np.array([2])).samples.omega for _ in range(steps)]
     system.close()
     return np.concatenate(omega)
 

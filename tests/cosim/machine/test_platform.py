@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.machine.platform import motion as platform
-from cosim.machine.platform.motion import robot_platform
-from cosim.machine.platform.result import POINTS_PER_CYCLE, PlatformResult
+from cosim.machine.platform.motion import POINTS_PER_CYCLE, PlatformResult, robot_platform
 from cosim.model.params import FIG_3, TABLE_I
 from cosim.physics import stroke
 
@@ -117,7 +116,7 @@ def test_trajectory_is_smooth_and_repeats_with_the_net_displacement():
 
 
 def test_the_platform_like_the_printed_one_steps_by_its_printed_length():
-    body = platform.fig_3_platform()
+    body = platform.FIG_3_PLATFORM
     assert 1e3 * platform.net_displacement(body, FIG_3.omega) == pytest.approx(0.29, abs=0.005)
 
 

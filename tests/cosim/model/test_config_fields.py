@@ -1,6 +1,6 @@
 """Every field of a configuration is where it has to be: in batches, tables and keys of caches."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -32,16 +32,11 @@ NOT_IN_TABLE = {"world.obstacles", "motor_fmu", "world.mu", "world.motor_speed_n
 def leaves(config: CoSimConfig) -> dict[str, Any]:
     """Values of all fields, those of records one by one, by name."""
     found = {}
-    for field in fields(config):
-        value = getattr(config, field.name)
-        if isinstance(value, msgspec.Struct):
-            inner = {name: getattr(value, name) for name in value.__struct_fields__}
-        elif hasattr(value, "_asdict"):
-            inner = value._asdict()
-        else:
-            found[field.name] = value
-            continue
-        found |= {f"{field.name}.{name}": part for name, part in inner.items()}
+    for name, value in vars(config).items():
+        inner = getattr(value, "_asdict", dict)() or (
+            msgspec.structs.asdict(value) if isinstance(value, msgspec.Struct) else {}
+        )
+        found |= {f"{name}.{field}": part for field, part in inner.items()} or {name: value}
     return found
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import UserError
-from cosim.model.scenario_file import find_scenario
-from cosim.model.swarm import BUILT_IN_SWARMS, FORMATIONS
+from cosim.model.scenario_file import SWARMS, find_scenario
+from cosim.model.swarm import FORMATIONS
 from cosim.onboard.observing import draw_starts
 
 
@@ -17,10 +17,10 @@ def scenario(folder, text):
     return find_scenario(path)
 
 
-@pytest.mark.parametrize("name", BUILT_IN_SWARMS)
+@pytest.mark.parametrize("name", SWARMS)
 def test_built_in_swarms_have_one_density(name):
     found = find_scenario(name)
-    assert found.robots == BUILT_IN_SWARMS[name]
+    assert f"swarm-{found.robots}" == name
     assert found.columns == found.rows == 12 * (math.isqrt(found.robots) + 1)
     draw_starts(found, np.random.default_rng(0))  # no two of them touch
 
@@ -48,8 +48,8 @@ def test_targets_come_from_a_file_or_a_list(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[swarm]\nrobots = 0", r"swarm\.robots: expected 'int' >= 1"),
-        ("[swarm]\nrobots = 9999", r"swarm\.robots: expected 'int' <= 4096"),
+        ("[swarm]\nrobots = 0", r"swarm\.robots = 0 is invalid: expected int >= 1"),
+        ("[swarm]\nrobots = 9999", r"swarm\.robots = 9999 is invalid: .*; give 1 to 4096"),
         ("[swarm]\nrobots = 2\nspacing = 5", r"swarm\.spacing = 5 lets robots of 5 cells touch"),
         ("columns = 20\n[swarm]\nrobots = 64", "columns = 20: 64 robots .* need 96 cells"),
         ("[swarm]\nrobots = 4096", "columns = 780: .* boards have up to 500"),
@@ -58,8 +58,8 @@ def test_targets_come_from_a_file_or_a_list(tmp_path):
         ('[swarm]\nrobots = 2\ntargets = "one.csv"', r"one\.csv: .*line 1 has 1 numbers"),
         ('[swarm]\nrobots = 2\ntargets = "three.csv"', r"three\.csv: .*line 2 has 3 numbers"),
         ("[swarm]\nrobots = 2\ntargets = [[1, 1]]", r"swarm\.targets has 1 cells for 2 robots"),
-        ("cell_m = nan\n[swarm]\nrobots = 2", "cell_m = nan is not usable"),
-        ("[swarm]\nrobots = 2\nradius = 3", r"swarm: object contains unknown field 'radius'"),
+        ("cell_m = nan\n[swarm]\nrobots = 2", "cell_m = nan is invalid"),
+        ("[swarm]\nrobots = 2\nradius = 3", r"swarm\.radius is unknown; choose one of robots"),
         ("columns = 30", r"robots: give a table \[\[robots\]\] for each robot, or one table"),
     ],
 )

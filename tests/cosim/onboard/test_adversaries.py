@@ -1,7 +1,6 @@
 """Policies that want robots to collide do, without the shield, and do not with it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +11,7 @@ from cosim.coupling.rl_step import Step, SupportsAct
 from cosim.model.outcome import Outcome
 from cosim.onboard.features import DIRECTION_COUNT
 from cosim.simulation.episode import RunningEpisode
-from cosim.simulation.options import Setup, SimulationOptions, resolve
+from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import Task, simulate_tasks
 from tests.references.colliding import REACH, Greedy, Learnt, Random, arena, near_starts
@@ -23,16 +22,17 @@ LESSONS, LESSON_S = 60, 8.0  # episodes that the learnt begins with, without the
 
 
 def simulate(
-    setup: Setup,
+    setup: tuple[Any, Any, Any],
     policy: SupportsAct,
     seeds: Sequence[np.random.SeedSequence],
     watch: Callable[[Step, RunningEpisode, float], None],
 ) -> list[EpisodeResult]:
     """Episodes one batch after the other, so that a learner learns in one order."""
+    scenario, config, fmu = setup
     tasks = [
-        Task(setup.scenario, setup.fmu, setup.config, policy, starts, seed, watch=watch)
+        Task(scenario, fmu, config, policy, starts, seed, watch=watch)
         for seed in seeds
-        for starts in [near_starts(setup.scenario, np.random.default_rng(seed))]
+        for starts in [near_starts(scenario, np.random.default_rng(seed))]
     ]
     return [result for _, result in simulate_tasks(tasks, 1)]
 
@@ -40,21 +40,19 @@ def simulate(
 @pytest.fixture(scope="module")
 def table() -> np.ndarray:
     """What the episodes of robots that drive anywhere teach."""
-    setup = resolve(SimulationOptions(), arena(2))
-    timing = setup.config.timing._replace(episode_limit_s=LESSON_S)
+    scenario, config, fmu = resolve(SimulationOptions(), arena(2))
+    setup = scenario, config.having("test", episode_limit_s=LESSON_S), fmu
     root = np.random.SeedSequence(0)
     random = Random(np.random.default_rng(root))
     learner = Learnt(random.rng, np.zeros((2 * REACH + 1, 2 * REACH + 1, DIRECTION_COUNT)))
-    setup = setup._replace(config=replace(setup.config, timing=timing))
     simulate(setup, random, root.spawn(LESSONS), lambda step, *_: learner.learn(step))
     return learner.q
 
 
 def attack(kind: str, shield: bool, table: np.ndarray) -> tuple[list[EpisodeResult], int]:
     """Results of 24 episodes, and how many moves the shield ended."""
-    setup = resolve(SimulationOptions(shield=shield), arena(2))
-    timing = setup.config.timing._replace(episode_limit_s=KINDS[kind])
-    setup = setup._replace(config=replace(setup.config, timing=timing))
+    scenario, config, fmu = resolve(SimulationOptions(shield=shield), arena(2))
+    setup = scenario, config.having("test", episode_limit_s=KINDS[kind]), fmu
     root = np.random.SeedSequence(3)
     rng = np.random.default_rng(root)
     learnt = Learnt(rng, table.copy()) if kind == "learnt" else None

@@ -114,15 +114,20 @@ def test_of_two_without_room_both_stop_and_the_last_retreats():
     assert robots.commands[1, GOAL_X] == pytest.approx(0.1505 + SHIELD.retreat_m, abs=1e-3)
 
 
-def test_who_faces_along_the_line_retreats():
-    robots = apart(KEPT_M + 0.5 * SHIELD.room_m, 0.0, math.pi / 2).guarded()
-    assert robots.modes == [RETREAT, HOLD]
-
-
-def test_who_has_arrived_stays():
-    robots = apart(KEPT_M + 0.5 * SHIELD.room_m, 0.0, math.pi)
-    robots.shields[1, PARKED] = 1.0
-    assert robots.guarded().modes == [RETREAT, HOLD]
+@pytest.mark.parametrize(
+    ("heading", "known", "modes"),
+    [
+        (math.pi / 2, {}, [RETREAT, HOLD]),  # who faces along the line
+        (math.pi, {(1, PARKED): 1.0}, [RETREAT, HOLD]),  # who has arrived stays
+        (math.pi, {(0, FAILURES): 1.0}, [HOLD, RETREAT]),  # who has failed less
+        (math.pi, {(1, FAILURES): 1.0}, [RETREAT, HOLD]),
+    ],
+)
+def test_who_of_two_retreats(heading, known, modes):
+    robots = apart(KEPT_M + 0.5 * SHIELD.room_m, 0.0, heading)
+    for place, value in known.items():
+        robots.shields[place] = value
+    assert robots.guarded().modes == modes
 
 
 def test_without_any_room_nobody_moves():
@@ -151,13 +156,6 @@ def test_one_retreats_at_a_time():
     again = robots.guarded().modes
     assert again.index(RETREAT) == chosen
     assert again.count(RETREAT) == 1
-
-
-def test_who_has_failed_less_goes_first():
-    for failed, modes in ((0, [HOLD, RETREAT]), (1, [RETREAT, HOLD])):
-        robots = apart(KEPT_M + 0.5 * SHIELD.room_m, 0.0, math.pi)
-        robots.shields[failed, FAILURES] = 1.0
-        assert robots.guarded().modes == modes
 
 
 def test_plans_at_the_margin_may_stray_without_being_stopped():

@@ -39,40 +39,40 @@ def steer(row, x, y, heading, params=STEADY):
     return steering.steer(row, x, y, heading, PERIOD_S, params)
 
 
-def test_waits_without_a_command():
-    assert steer(np.zeros(COMMAND_SIZE), 0.0, 0.0, 1.0, STEERING) == (0.0, 0.0)
+FORWARDS, TURNING = STEERING.forward_speed_rad_s, STEERING.turn_speed_rad_s
 
 
-def test_direct_mode_hands_set_points_through():
+def test_waits_without_a_command_and_hands_set_points_through():
     row = np.zeros(COMMAND_SIZE)
+    assert steer(row, 0.0, 0.0, 1.0, STEERING) == (0.0, 0.0)
     row[[OMEGA_D, OMEGA_E, MODE]] = -900.0, 910.0, DIRECT
     assert steer(row, 0.0, 0.0, 1.0, STEERING) == (-900.0, 910.0)
 
 
-def test_drives_on_past_the_end_if_it_is_not_to_stop():
+@pytest.mark.parametrize(
+    ("through", "speeds", "mode"), [(1.0, (-FORWARDS, FORWARDS), PAST), (0.0, (0.0, 0.0), HOLD)]
+)
+def test_drives_on_past_the_end_if_it_is_not_to_stop(through, speeds, mode):
     row = command(x=0.01)
-    row[THROUGH] = 1.0
+    row[THROUGH] = through
     steer(row, 0.0, 0.0, 0.0)
-    speeds = steer(row, 0.0101, 0.0, 0.0)
-    assert speeds == (-STEERING.forward_speed_rad_s, STEERING.forward_speed_rad_s)
-    assert row[MODE] == PAST
-    stopping = command(x=0.01)
-    steer(stopping, 0.0, 0.0, 0.0)
-    assert steer(stopping, 0.0101, 0.0, 0.0) == (0.0, 0.0)
-    assert stopping[MODE] == HOLD
+    assert steer(row, 0.0101, 0.0, 0.0) == speeds
+    assert row[MODE] == mode
 
 
-def test_drives_straight_when_it_faces_the_line():
+@pytest.mark.parametrize(
+    ("heading", "speeds", "mode"),
+    [
+        (0.0, (-FORWARDS, FORWARDS), DRIVE),
+        (math.pi, (STEERING.backward_speed_rad_s, -STEERING.backward_speed_rad_s), DRIVE),
+        (-0.5, (TURNING, TURNING), TURN),
+        (0.5, (-TURNING, -TURNING), TURN),
+    ],
+)
+def test_drives_when_it_faces_the_line_and_turns_on_the_spot_towards_it(heading, speeds, mode):
     row = command()
-    d, e = steer(row, 0.0, 0.0, 0.0)
-    assert (d, e) == (-STEERING.forward_speed_rad_s, STEERING.forward_speed_rad_s)
-    assert row[MODE] == DRIVE
-
-
-@pytest.mark.parametrize(("heading", "turn"), [(-0.5, 1.0), (0.5, -1.0)])
-def test_turns_on_the_spot_towards_the_line(heading, turn):
-    d, e = steer(command(), 0.0, 0.0, heading)
-    assert d == e == turn * STEERING.turn_speed_rad_s
+    assert steer(row, 0.0, 0.0, heading) == pytest.approx(speeds)
+    assert row[MODE] == mode
 
 
 @pytest.mark.parametrize("heading", np.linspace(-math.pi, math.pi, 25))
@@ -81,12 +81,6 @@ def test_never_turns_by_more_than_a_right_angle(heading):
     steer(row, 0.0, 0.0, heading)
     sense = 1.0 if abs(heading) <= math.pi / 2.0 else -1.0
     assert row[SENSE] == sense
-
-
-def test_backwards_reverses_both_motors():
-    d, e = steer(command(), 0.0, 0.0, math.pi)
-    speed = STEERING.backward_speed_rad_s
-    assert (d, e) == pytest.approx((speed, -speed))
 
 
 @pytest.mark.parametrize("sense", [0.0, math.pi])
@@ -121,18 +115,19 @@ def test_aims_at_the_goal_when_it_is_nearer_than_the_lookahead():
     assert d + e == pytest.approx(0.0, abs=1e-6)
 
 
-def test_large_error_while_driving_turns_again():
-    row = command(mode=DRIVE)
-    steer(row, 0.0, 0.0, STEERING.turn_again_rad + 0.01)
-    assert row[MODE] == TURN
-
-
-def test_an_error_that_ends_turning_does_not_begin_it():
-    error = 0.5 * (STEERING.turned_rad + STEERING.turn_again_rad)
-    for mode in (DRIVE, TURN):
-        row = command(mode=mode)
-        steer(row, 0.0, 0.0, error)
-        assert row[MODE] == mode
+@pytest.mark.parametrize(
+    ("mode", "error", "after"),
+    [
+        (DRIVE, STEERING.turn_again_rad + 0.01, TURN),
+        # an error that ends turning does not begin it
+        (DRIVE, 0.5 * (STEERING.turned_rad + STEERING.turn_again_rad), DRIVE),
+        (TURN, 0.5 * (STEERING.turned_rad + STEERING.turn_again_rad), TURN),
+    ],
+)
+def test_a_large_error_while_driving_turns_again(mode, error, after):
+    row = command(mode=mode)
+    steer(row, 0.0, 0.0, error)
+    assert row[MODE] == after
 
 
 @pytest.mark.parametrize("facing", [0.0, math.pi])
@@ -157,16 +152,11 @@ def test_the_filter_is_given_the_motion_of_a_turn(heading):
     ]
 
 
-def test_a_retreat_ends_at_its_end():
-    row = command(mode=RETREAT)
-    row[THROUGH] = 1.0
-    assert steer(row, 1.0001, 0.0, 0.0) == (0.0, 0.0)
-    assert row[MODE] == HOLD
-
-
-def test_stops_at_the_end_of_the_line():
-    row = command(mode=DRIVE)
-    assert steer(row, 1.0, 0.002, 0.0) == (0.0, 0.0)
+@pytest.mark.parametrize(("mode", "through"), [(RETREAT, 1.0), (DRIVE, 0.0)])
+def test_stops_at_the_end_of_the_line(mode, through):
+    row = command(mode=mode)
+    row[THROUGH] = through
+    assert steer(row, 1.0001, 0.002, 0.0) == (0.0, 0.0)
     assert row[MODE] == HOLD
 
 

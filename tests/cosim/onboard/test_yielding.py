@@ -13,7 +13,7 @@ from cosim.model.params import SHIELD, TIMING
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTIONS
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, line_to_line, permitted
-from cosim.simulation.cosimulation import CoSimulation, run_episode
+from tests import alone
 
 E, N, W, S = 0, 2, 4, 6
 FACING = Scenario(
@@ -86,22 +86,18 @@ class HeadOn:
 
 
 def drive(motor_fmu, config, policy=None):
-    system = CoSimulation(FACING, motor_fmu, config)
-    starts = tuple(cells[0] for cells in FACING.starts)
-    outcome = run_episode(
-        system, policy or Straight(), starts, np.random.SeedSequence(0), lambda step: None
-    )
-    return system, outcome
+    system, _ = alone.drive(FACING, motor_fmu, policy or Straight(), config)
+    return system, system.episode.outcome
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("shield", [False, True])
 def test_robots_that_would_collide_do_not_with_the_shield(motor_fmu, shield):
     system, outcome = drive(motor_fmu, CoSimConfig(shield=SHIELD if shield else None))
-    assert (system.conflicts > 0) == shield
+    assert (system.episode.conflicts > 0) == shield
     if shield:
         assert outcome != "collision"
-        assert system.measures.min_distance_m > FACING.diameter_m
+        assert system.episode.measures.min_distance_m > FACING.diameter_m
     else:
         assert outcome == "collision"
 
@@ -113,7 +109,7 @@ def test_the_monitor_alone_keeps_robots_apart(motor_fmu, monkeypatch):
     system, outcome = drive(motor_fmu, CoSimConfig(shield=SHIELD, timing=timing), HeadOn())
     assert outcome == "timeout"
     assert system.episode.shield_stops >= 2
-    assert system.measures.min_distance_m > FACING.diameter_m
+    assert system.episode.measures.min_distance_m > FACING.diameter_m
 
 
 def test_what_the_shield_cannot_go_with_is_refused():

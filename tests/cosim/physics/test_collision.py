@@ -21,7 +21,7 @@ from cosim.physics.collision import (
 from cosim.physics.forces import motor_mounts
 from cosim.physics.neighbours import LISTS
 from cosim.physics.properties import body_params, properties_of
-from cosim.simulation.cosimulation import CoSimulation, run_episode
+from tests.alone import CoSimulation, drive
 
 PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots, near=2e-3)
 BODY = body_params(TABLE_I, TABLE_II, TIMING.dt_s)
@@ -94,37 +94,22 @@ def test_contact_keeps_momenta_and_never_adds_energy(angle, va, vb, spin_a, spin
     assert rubbed <= (PAIR.mu * impulse) ** 2 * (1.0 + 1e-9) + 1e-24
 
 
-def test_head_on_contact_is_inelastic():
+def test_head_on_contact_is_inelastic_and_robots_apart_are_left_alone():
     a, b = touching_pair(0.0, (0.01, 0.0), (-0.01, 0.0), 0.0, 0.0)
-    impulse = push(a, b)
-    assert impulse == pytest.approx(0.01 * TABLE_I.mass_kg)
-    assert a[VELOCITY] == pytest.approx(0.0, abs=1e-11)
-    assert b[VELOCITY] == pytest.approx(0.0, abs=1e-11)
-
-
-def test_robots_apart_are_left_alone():
+    assert push(a, b) == pytest.approx(0.01 * TABLE_I.mass_kg)
+    np.testing.assert_allclose([a[VELOCITY], b[VELOCITY]], 0.0, atol=1e-11)
     a, b = touching_pair(0.0, (0.01, 0.0), (-0.01, 0.0), 0.0, 0.0, gap=1e-4)
     before = a.copy(), b.copy()
     assert push(a, b) == 0.0
-    assert np.array_equal(a, before[0])
-    assert np.array_equal(b, before[1])
+    np.testing.assert_array_equal((a, b), before)
 
 
-def test_rubbing_robots_spin_each_other():
-    """A spinning robot turns the other one the opposite way, like a pair of gears."""
-    a, b = touching_pair(0.0, (0.01, 0.0), (0.0, 0.0), 1.0, 0.0)
-    push(a, b)
-    assert a[12] < 1.0
-    assert b[12] < 0.0
-    assert b[8] > 0.0
-
-
-def test_robots_that_roll_on_each_other_do_not_rub():
-    """Opposite spins, as of two gears, have one velocity where the robots touch."""
-    for spin_b, rubs in ((-1.0, False), (1.0, True)):
-        a, b = touching_pair(0.0, (0.01, 0.0), (0.0, 0.0), 1.0, spin_b)
-        assert push(a, b) > 0.0
-        assert (a[12] != 1.0) == (b[12] != spin_b) == rubs
+@pytest.mark.parametrize(("spin_b", "rubs"), [(0.0, True), (1.0, True), (-1.0, False)])
+def test_robots_spin_each_other_like_gears_and_rub_unless_they_roll(spin_b, rubs):
+    """A spinning robot turns the other one the opposite way; opposite spins have one velocity."""
+    a, b = touching_pair(0.0, (0.01, 0.0), (0.0, 0.0), 1.0, spin_b)
+    assert push(a, b) > 0.0
+    assert (a[12] < 1.0) == (b[12] < spin_b) == (b[8] > 0.0) == rubs
 
 
 @kernel
@@ -216,18 +201,18 @@ def collision_course():
 
 def drive_together(scenario, motor_fmu, **changes):
     system = CoSimulation(scenario, motor_fmu, CoSimConfig(**changes))
-    system.reset(tuple(cells[0] for cells in scenario.starts), np.random.SeedSequence(0))
+    system.reset()
     east, north, west = 0, 2, 4
     steps = []
-    while not system.outcome and len(steps) < 12:
-        steps.append(system.advance(np.array([east, west, north])))
+    while not system.episode.outcome and len(steps) < 12:
+        steps.append(system.step(np.array([east, west, north])))
     system.close()
     return system, steps
 
 
 def test_collision_of_three_is_reported(collision_course, motor_fmu):
     system, steps = drive_together(collision_course, motor_fmu)
-    assert system.outcome == "collision"
+    assert system.episode.outcome == "collision"
     position = steps[-1].samples.position[-1, :, :2]
     assert np.linalg.norm(position[0] - position[1]) == pytest.approx(0.05, abs=5e-6)
 
@@ -237,19 +222,17 @@ def test_small_robots_drive_on_where_large_ones_would_touch(motor_fmu, straight_
     small = Scenario(
         "small", "", ((8, 7), (12, 7)), tuple((cell,) for cell in starts), robot_diameter_m=0.03
     )
-    system = CoSimulation(small, motor_fmu)
-    policy = straight_policy(small.targets)
-    outcome = run_episode(system, policy, starts, np.random.SeedSequence(0), lambda step: None)
-    assert outcome == "success"
+    system, _ = drive(small, motor_fmu, straight_policy(small.targets))
+    assert system.episode.outcome == "success"
     assert system.config.robot.diameter_m == 0.03
-    assert 0.03 < system.measures.min_distance_m < 0.05
+    assert 0.03 < system.episode.measures.min_distance_m < 0.05
 
 
 @pytest.mark.long
 def test_robots_that_go_on_push_but_never_overlap(collision_course, motor_fmu):
     system, steps = drive_together(collision_course, motor_fmu, on_collision="continue")
-    assert system.outcome != "collision"
-    assert system.measures.contact_time_s > 0.0
+    assert system.episode.outcome != "collision"
+    assert system.episode.measures.contact_time_s > 0.0
     position = np.concatenate([step.samples.position for step in steps])[..., :2]
     for i, j in ((0, 1), (1, 2), (0, 2)):
         distance = np.linalg.norm(position[:, i] - position[:, j], axis=1)
@@ -267,8 +250,8 @@ def test_robots_touch_within_a_long_control_period(motor_fmu):
     scenario = Scenario("ice", "", ((0, 0), (29, 29)), tuple((cell,) for cell in starts))
     system = CoSimulation(scenario, motor_fmu, config)
     system.reset(starts, 0)
-    system._batch.state.bodies[V_X, 0] = 0.9
-    step = system.advance(np.array([0, 0]))
+    system.state.bodies[V_X, 0] = 0.9
+    step = system.step(np.array([0, 0]))
     apart = np.diff(step.raw.position[:, :, 0], axis=1)
     assert apart.min() > config.robot.diameter_m - 1e-6
     assert step.samples.touching_share[0].all()

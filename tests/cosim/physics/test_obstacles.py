@@ -19,7 +19,7 @@ from cosim.onboard.features import DIRECTIONS
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.physics import collision as solid
 from cosim.recording.episode_log import EpisodeLog
-from cosim.simulation.cosimulation import CoSimulation, run_episode
+from tests import alone
 
 E, NE, N, W, S = 0, 1, 2, 4, 6
 RADIUS_M = TABLE_I.diameter_m / 2.0
@@ -111,11 +111,7 @@ def test_robots_cannot_start_or_park_touching_an_obstacle(tmp_path, field, text)
 
 def drive(scenario, motor_fmu, policy, **changes):
     timing = TIMING._replace(episode_limit_s=20.0)
-    system, steps = CoSimulation(scenario, motor_fmu, CoSimConfig(timing=timing, **changes)), []
-    starts = tuple(cells[0] for cells in scenario.starts)
-    run_episode(system, policy, starts, np.random.SeedSequence(0), steps.append)
-    system.close()
-    return system, steps
+    return alone.drive(scenario, motor_fmu, policy, CoSimConfig(timing=timing, **changes))
 
 
 @pytest.mark.parametrize("on_collision", ["end", "continue"])
@@ -127,16 +123,16 @@ def test_no_robot_drives_through_a_wall(wall, motor_fmu, straight_policy, on_col
     log = EpisodeLog(wall, system.config)
     lines = [line.text for step in steps for line in log.lines(step, np.array([-100.0]))]
     told = [line for line in lines if line.startswith("r1 touches an obstacle at ")]
-    touched_s = system.measures.contact_time_s
+    touched_s = system.episode.measures.contact_time_s
     if on_collision == "end":
-        assert system.outcome == "collision"
+        assert system.episode.outcome == "collision"
         assert steps[-1].events.tolist() == [COLLISION]
         assert all(step.events.tolist() == [RUNNING] for step in steps[:-1])
         assert 0.0 < touched_s <= TIMING.control_period_s
         assert len(told) == 2  # the contact, and why the episode ends
         assert lines[-2].startswith("r1 touches an obstacle at (8.")
     else:
-        assert system.outcome == "timeout"
+        assert system.episode.outcome == "timeout"
         assert touched_s > 0.0
         assert 1 <= len(told) < len(steps) + 1
 
@@ -144,8 +140,8 @@ def test_no_robot_drives_through_a_wall(wall, motor_fmu, straight_policy, on_col
 def test_the_shield_never_lets_a_robot_touch_a_wall(wall, motor_fmu, straight_policy):
     policy = straight_policy(wall.targets)
     system, steps = drive(wall, motor_fmu, policy, shield=SHIELD)
-    assert system.outcome == "timeout"
-    assert system.conflicts > 0
+    assert system.episode.outcome == "timeout"
+    assert system.episode.conflicts > 0
     highest = max(step.samples.position[:, 0, 1].max() for step in steps)
     assert highest < 0.09 - RADIUS_M
 

@@ -31,8 +31,8 @@ from cosim.recording.file import Kept, Recording, scalars, simulated
 from cosim.recording.reader import read_chunks, read_episode, read_rrd
 from cosim.recording.scene import ROBOT_COLOURS, ink_on, map_colours, robot_colour, shades
 from cosim.recording.series import DETAILS, OUTCOME, PolicyMap, Stretch, with_bursts
-from cosim.simulation.cosimulation import CoSimulation
 from cosim.simulation.options import DecisionOptions
+from tests.alone import CoSimulation
 
 SCENARIO = Scenario("pair", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 SOUTH, NORTH = 6, 2
@@ -59,7 +59,7 @@ def recorded(motor_fmu, tmp_path_factory):
     steps = []
     with EpisodeRecorder(path, SCENARIO, system.config, "test", {"seed": 0}) as recorder:
         for number in range(STEPS):
-            steps.append(system.advance(np.array([SOUTH, NORTH])))
+            steps.append(system.step(np.array([SOUTH, NORTH])))
             reward = np.full((2, 3), np.nan)
             if number == 1:
                 reward[0] = 0.0, -1.0, -0.5
@@ -94,13 +94,13 @@ def test_a_file_that_is_being_written_is_refused(tmp_path):
 
 def test_short_rl_steps_have_no_more_bursts(motor_fmu, tmp_path):
     """One in 2 s, however often robots are asked."""
-    config = DecisionOptions(rl_step=0.1).deciding(with_bursts(CoSimConfig(), "default"))
+    config = with_bursts(CoSimConfig(), "default").merged(DecisionOptions(rl_step=0.1).tree())
     system = CoSimulation(SCENARIO, motor_fmu, config)
     system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
     path = tmp_path / "episode.rrd"
     with EpisodeRecorder(path, SCENARIO, config, "test", {}) as recorder:
         for _ in range(22):
-            recorder.write(system.advance(np.array([SOUTH, NORTH])))
+            recorder.write(system.step(np.array([SOUTH, NORTH])))
     time_s, _ = rows(path, "/raw/r1/normal")
     assert len(time_s) == 2 * round(config.timing.burst_s / config.timing.dt_s)
     assert time_s[[0, len(time_s) // 2]] == pytest.approx([1e-5, 2.0 + 1e-5])
@@ -112,7 +112,7 @@ def test_trails_grow_with_the_time(rl_step_s):
     """Pieces of 2 s, of which the views show those of the last 10 minutes, for any RL step."""
     seen = Observation(np.zeros((2, 2), dtype=int), *np.zeros((3, 2), dtype=int))
     periods = round(1e3 * rl_step_s)
-    config = DecisionOptions(rl_step=rl_step_s).deciding(CoSimConfig())
+    config = CoSimConfig().merged(DecisionOptions(rl_step=rl_step_s).tree())
     kept, pieces, samples = Kept(), [], new_samples(periods, 2)
     with EpisodeRecorder(kept, SCENARIO, config, "test", {}, level="summary") as recorder:
         for number in range(round(60.0 / rl_step_s)):
@@ -239,11 +239,11 @@ def test_failing_fmu_leaves_a_readable_recording(motor_fmu, tmp_path, monkeypatc
         pytest.raises(FmuError, match=r"instance r1\.D, at 2\.00000 s"),
         EpisodeRecorder(path, SCENARIO, system.config, "test", {"seed": 0}) as recorder,
     ):
-        step = system.advance(np.array([SOUTH, NORTH]))
+        step = system.step(np.array([SOUTH, NORTH]))
         recorder.write(step, Decision(step.action, np.zeros((2, 8))))
         broken = lambda _, periods: np.full((periods, 2, 2), np.nan)  # noqa: E731
         monkeypatch.setattr(SpeedNoise, "draw", broken)
-        system.advance(np.array([SOUTH, NORTH]))
+        system.step(np.array([SOUTH, NORTH]))
     assert verified(path)
     assert len(rows(path, "/sim/r1/motors/omega")[0]) == 2000
 
@@ -328,16 +328,17 @@ from cosim.model.config import CoSimConfig
 from cosim.recording import file as recording
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.series import with_bursts
-from cosim.simulation.cosimulation import CoSimulation
+from cosim.simulation.batch import Batch
 from fmus.build import cached_fmu
 from tests.cosim.recording.test_recording import NORTH, SCENARIO, SOUTH
 
 recording.FLUSH_TIMEOUT_S = 3.0
 
 def record():
-    system = CoSimulation(SCENARIO, cached_fmu(), with_bursts(CoSimConfig(), "default"))
-    system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
-    step = system.advance(np.array([SOUTH, NORTH]))
+    system = Batch(cached_fmu(), with_bursts(CoSimConfig(), "default"), 2, 1)
+    starts = tuple(c[0] for c in SCENARIO.starts)
+    system.begin(0, SCENARIO, starts, np.random.SeedSequence(0))
+    step = system.advance({0: np.array([SOUTH, NORTH])})[0]
     size = int(sys.argv[2])
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
     with EpisodeRecorder(Path(sys.argv[1]), SCENARIO, system.config, "test", {}) as recorder:

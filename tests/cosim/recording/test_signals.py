@@ -4,8 +4,6 @@ Each expectation comes from other signals and the equations, so that a signal th
 another of its kind, with another unit, or of the other robot does not pass.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -19,15 +17,15 @@ from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept
 from cosim.recording.reader import Episode, read_episode
 from cosim.recording.series import with_bursts
-from cosim.simulation.cosimulation import CoSimulation
 from cosim.simulation.options import DecisionOptions
+from tests.alone import CoSimulation
 
 STARTS = (10, 14), (15, 16)  # 5.4 cm apart: robots of 5 cm touch after a turn and 2 mm
 SCENARIO = Scenario("pair", "", ((3, 27), (27, 2)), tuple((start,) for start in STARTS))
 DIRECTIONS = np.array([1, 5])  # towards each other
 SENSOR = Sensor(rate_hz=50.0, position_noise_mm=0.3, heading_noise_deg=1.0)
-CONFIG = DecisionOptions(rl_step=0.5).deciding(
-    with_bursts(replace(CoSimConfig(), world=World(sensor=SENSOR)), "full")
+CONFIG = with_bursts(CoSimConfig(world=World(sensor=SENSOR)), "full").merged(
+    DecisionOptions(rl_step=0.5).tree()
 )
 TICKS, DT = 100, 1e-5  # of a control period
 ROBOTS = pytest.mark.parametrize("robot", [0, 1])
@@ -72,9 +70,9 @@ def values(number: int) -> np.ndarray:
 def steps(motor_fmu) -> list[Step]:
     system = CoSimulation(SCENARIO, motor_fmu, CONFIG)
     system.reset(STARTS, np.random.SeedSequence(3))
-    done = [system.advance(DIRECTIONS)]
+    done = [system.step(DIRECTIONS)]
     while not done[-1].outcome:
-        done.append(system.advance(DIRECTIONS))
+        done.append(system.step(DIRECTIONS))
     assert done[-1].outcome == "collision"
     assert len(done) > 2
     return done

@@ -24,16 +24,9 @@ from cosim.simulation.tasks import Task, simulate_tasks
 EAST, NORTH, WEST, SOUTH = 0, 2, 4, 6
 LARGE = Scenario("large", "", ((5, 20), (20, 20)), (((5, 5),), ((20, 5),)))
 # a small board, and an obstacle on it
-SMALL = Scenario(
-    "small",
-    "",
-    ((4, 16), (14, 16)),
-    (((4, 4),), ((14, 4),)),
-    columns=20,
-    rows=20,
-    zone=(0, 0, 0, 0),
-    obstacles=((9, 6),),
-)
+STARTS, TARGETS = (((4, 4),), ((14, 4),)), ((4, 16), (14, 16))
+SMALL = Scenario("small", "", TARGETS, STARTS, 20, 20, zone=(0, 0, 0, 0), obstacles=((9, 6),))
+ONE = Scenario("one", "", ((5, 5),), (((15, 15),),))
 
 
 class Constant:
@@ -53,7 +46,6 @@ EPISODES = [
     (LARGE, ((5, 5), (12, 5)), (NORTH, SOUTH)),
     (SMALL, ((4, 4), (14, 10)), (NORTH, NORTH)),
 ]
-COUPLINGS = [{}, {"reaction": True}]
 
 
 def alone(number: int, fmu: Path, config: CoSimConfig, steps: int) -> list:
@@ -68,11 +60,8 @@ def alone(number: int, fmu: Path, config: CoSimConfig, steps: int) -> list:
 @pytest.mark.parametrize(
     ("fmu", "coupling", "differ"),
     [
-        ("motor_fmu", COUPLINGS[0], False),
-        ("motor_fmu", COUPLINGS[0], True),
-        ("array_fmu", COUPLINGS[0], True),
-        ("motor_fmu", COUPLINGS[1], True),
-        ("array_fmu", COUPLINGS[1], True),
+        ("motor_fmu", {}, False),
+        *((f"{of}_fmu", {"reaction": r}, True) for of in ("motor", "array") for r in (False, True)),
     ],
 )
 def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, request):
@@ -208,8 +197,7 @@ def test_a_still_robot_slides_down_a_floor_steeper_than_its_friction(mu, array_f
     world, slope = World(floor_tilt_deg=8.0), math.radians(8.0)
     config = CoSimConfig(robot=robot, motor=motor, timing=timing, world=world)
     batch = Batch(array_fmu, config, 1, 1)
-    scenario = Scenario("one", "", ((5, 5),), (((15, 15),),))
-    episode = batch.begin(0, scenario, ((15, 15),), np.random.SeedSequence(3))
+    episode = batch.begin(0, ONE, ((15, 15),), np.random.SeedSequence(3))
     (step,) = batch.advance({0: np.array([NORTH])}).values()
     batch.close()
     velocity = step.samples.velocity[:, 0]
@@ -288,8 +276,7 @@ def test_fmpy_is_refused_where_it_cannot_step(motor_fmu, array_fmu):
 def test_an_error_of_an_idle_lane_says_whose_it_is(lane, array_fmu):
     """One of a place without an episode, and one that only fills the vector."""
     batch = Batch(array_fmu, CoSimConfig(), 1, 3)
-    scenario = Scenario("one", "", ((5, 5),), (((15, 15),),))
-    batch.begin(0, scenario, ((15, 15),), np.random.SeedSequence(3))
+    batch.begin(0, ONE, ((15, 15),), np.random.SeedSequence(3))
     batch.state.bodies[0, lane] = np.nan
     with pytest.raises(NotFiniteError, match=r"robot 1 .* nan at"):
         batch.advance({0: np.array([NORTH])})
@@ -314,8 +301,7 @@ def test_what_does_not_fit_a_batch_is_refused(array_fmu):
     with pytest.raises(ConfigError, match=r"scenario large has 2 robots.* 1"):
         batch.begin(0, LARGE, ((5, 5), (20, 5)), seed)
     with pytest.raises(UserError, match=r"4 angles.* 2 motors"):
-        scenario = Scenario("one", "", ((5, 5),), (((15, 15),),))
         turned = CoSimConfig(world=World(motor_phases_deg=(0.0,) * 4))
-        batch.begin(0, scenario, ((15, 15),), seed, turned)
+        batch.begin(0, ONE, ((15, 15),), seed, turned)
     with pytest.raises(ConfigError, match="by more than its world"):
         batch.begin(0, LARGE, ((5, 5), (20, 5)), seed, CoSimConfig(reaction=True))

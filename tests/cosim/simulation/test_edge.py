@@ -12,7 +12,7 @@ from cosim.model.world import World
 from cosim.physics.contact import foot_positions
 from cosim.physics.mass import mass_of
 from cosim.physics.rotation import headings
-from cosim.simulation.cosimulation import CoSimulation
+from tests.alone import CoSimulation
 
 NORTH, SOUTH = 2, 6
 FLOORS = {edge: CoSimConfig().in_world(World(edge=edge)) for edge in (False, True)}
@@ -22,8 +22,8 @@ def first_step(motor_fmu, start, edge):
     """The first RL step of a robot that drives to the middle of its board."""
     scenario = Scenario("rim", "", ((15, 15),), ((start,),))
     system = CoSimulation(scenario, motor_fmu, FLOORS[edge])
-    system.reset((start,), np.random.SeedSequence(0))
-    step = system.advance(np.array([SOUTH if start[1] > 15 else NORTH]))
+    system.reset()
+    step = system.step(np.array([SOUTH if start[1] > 15 else NORTH]))
     system.close()
     return step
 
@@ -52,9 +52,9 @@ def test_a_shielded_robot_keeps_its_feet_on_the_board(motor_fmu, row, direction)
     config = replace(CoSimConfig().in_world(world), shield=SHIELD, through=True, timing=timing)
     start = (15, row)
     system = CoSimulation(Scenario("rim", "", ((15, 15),), ((start,),)), motor_fmu, config)
-    system.reset((start,), 0)
-    samples = system.advance(np.array([direction])).samples
-    assert not system.outcome
+    system.reset()
+    samples = system.step(np.array([direction])).samples
+    assert not system.episode.outcome
     offsets = foot_positions(config.robot) - (*mass_of(config.robot, world).centre, 0.0)
     angle = headings(samples.quaternion[:, 0])[:, None]
     feet_y = samples.position[:, :1, 1] + np.sin(angle) * offsets[:, 0]

@@ -1,5 +1,6 @@
 """RL steps over the dynamics: actions end at cell centres, observations are the cells'."""
 
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -20,10 +21,10 @@ from cosim.onboard.features import LARGE, MEDIUM, Observation
 from cosim.onboard.observing import draw_starts
 from cosim.onboard.steering import DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, PAST
 from cosim.recording.series import with_bursts
-from cosim.simulation.cosimulation import CoSimulation, run_episode
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import PROMPT_RL_STEP_S, DecisionOptions
 from cosim.simulation.simulate import simulate
+from tests.alone import CoSimulation, drive
 
 SHORT = Scenario("short", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 EAST, NORTH, SOUTH = 0, 2, 6
@@ -33,29 +34,28 @@ EAST, NORTH, SOUTH = 0, 2, 6
 def short(motor_fmu, straight_policy):
     """Steps of an episode in which both robots drive two cells."""
     config = with_bursts(CoSimConfig(), "default")
-    system, steps = CoSimulation(SHORT, motor_fmu, config), []
-    starts = tuple(cells[0] for cells in SHORT.starts)
-    policy = straight_policy(SHORT.targets)
-    run_episode(system, policy, starts, np.random.SeedSequence(0), steps.append)
-    return system, steps
+    return drive(SHORT, motor_fmu, straight_policy(SHORT.targets), config)
 
 
-def test_robots_reach_their_targets(short):
+def test_robots_reach_their_targets_and_stop_at_the_centres(short):
     system, steps = short
-    assert system.outcome == "success"
+    assert system.episode.outcome == "success"
     assert steps[-1].outcome == "success"
     assert steps[-1].after.cells.tolist() == [[15, 27], [15, 2]]
-    assert system.measures.path_length_m == pytest.approx(0.02, abs=0.001)
+    assert system.episode.measures.path_length_m == pytest.approx(0.02, abs=0.001)
+    for robot, target in enumerate(SHORT.targets):
+        final = steps[-1].samples.position[-1, robot, :2]
+        assert final == pytest.approx(SHORT.centre_m(target), abs=2e-3)
 
 
 def test_whoever_thinks_to_be_off_the_board_is_at_its_edge(motor_fmu):
     """A camera that is wrong by decimetres puts robots off the board; policies never see that."""
     world = World(sensor=Sensor(rate_hz=30.0, position_noise_mm=100.0))
     system = CoSimulation(SHORT, motor_fmu, CoSimConfig().in_world(world))
-    system.reset(tuple(cells[0] for cells in SHORT.starts), np.random.SeedSequence(0))
+    system.reset()
     off = 0
     for _ in range(3):
-        step = system.advance(np.array([EAST, EAST]))
+        step = system.step(np.array([EAST, EAST]))
         off += (step.samples.estimate[..., :2] < 0.0).sum()
         off += (step.samples.estimate[..., :2] > 0.3).sum()
         assert ((step.after.cells >= 0) & (step.after.cells < 30)).all()
@@ -63,23 +63,13 @@ def test_whoever_thinks_to_be_off_the_board_is_at_its_edge(motor_fmu):
     assert off > 0
 
 
-def test_robots_stop_at_the_centres(short):
-    _, steps = short
-    for robot, target in enumerate(SHORT.targets):
-        final = steps[-1].samples.position[-1, robot, :2]
-        assert final == pytest.approx(SHORT.centre_m(target), abs=2e-3)
-
-
 def test_robots_drive_through_centres_and_stop_at_their_targets(motor_fmu, straight_policy, short):
     """Asked when their moves end, robots are sooner there, and stop only to stay or to turn."""
-    config = DecisionOptions(through=True).deciding(CoSimConfig())
-    system, steps = CoSimulation(SHORT, motor_fmu, config), []
-    starts = tuple(cells[0] for cells in SHORT.starts)
-    policy = straight_policy(SHORT.targets)
-    run_episode(system, policy, starts, np.random.SeedSequence(0), steps.append)
-    assert system.outcome == "success"
+    config = CoSimConfig().merged(DecisionOptions(through=True).tree())
+    system, steps = drive(SHORT, motor_fmu, straight_policy(SHORT.targets), config)
+    assert system.episode.outcome == "success"
     assert [step.duration_s for step in steps] == pytest.approx([PROMPT_RL_STEP_S] * len(steps))
-    assert system.time_s < short[0].time_s
+    assert system.episode.time_s < short[0].episode.time_s
     modes = np.concatenate([step.samples.mode for step in steps])
     passed = np.concatenate([step.completed[None] for step in steps]).sum(axis=0)
     assert passed.tolist() == [2, 2]
@@ -120,13 +110,9 @@ def test_signals_are_contiguous_in_time(short):
         assert np.abs(jump).max() < 1e-4
 
 
-def test_voltage_stays_within_the_battery(short):
+def test_voltage_stays_within_the_battery_and_friction_in_the_cone(short):
     _, steps = short
     assert max(np.abs(step.samples.voltage).max() for step in steps) == 3.0
-
-
-def test_friction_stays_in_the_cone(short):
-    _, steps = short
     for step in steps:
         assert len(step.raw.normal) > 0
         assert (step.raw.normal >= 0.0).all()
@@ -136,23 +122,23 @@ def test_friction_stays_in_the_cone(short):
 
 def test_leaving_the_board_ends_the_episode(motor_fmu):
     system = CoSimulation(SHORT, motor_fmu)
-    system.reset(((29, 29), (0, 0)), np.random.SeedSequence(0))
-    step = system.advance(np.array([EAST, NORTH]))
-    while not system.outcome:
-        step = system.advance(np.array([EAST, NORTH]))
-    assert system.outcome == "out_of_board"
+    system.reset(((29, 29), (0, 0)))
+    step = system.step(np.array([EAST, NORTH]))
+    while not system.episode.outcome:
+        step = system.step(np.array([EAST, NORTH]))
+    assert system.episode.outcome == "out_of_board"
     assert step.samples.position[-1, 0, 0] == pytest.approx(0.3, abs=1e-4)
 
 
 def test_time_limit_ends_the_episode(motor_fmu):
     config = CoSimConfig(timing=TIMING._replace(episode_limit_s=4.0))
     system = CoSimulation(SHORT, motor_fmu, config)
-    observation = system.reset(((15, 29), (15, 0)), np.random.SeedSequence(0))
+    observation = system.reset()
     assert observation.distance_class.tolist() == [LARGE, LARGE]
-    system.advance(np.array([SOUTH, NORTH]))
-    assert system.outcome == ""
-    system.advance(np.array([SOUTH, NORTH]))
-    assert system.outcome == "timeout"
+    system.step(np.array([SOUTH, NORTH]))
+    assert system.episode.outcome == ""
+    system.step(np.array([SOUTH, NORTH]))
+    assert system.episode.outcome == "timeout"
 
 
 def test_limits_hold_to_the_tick_whenever_a_move_began():
@@ -175,20 +161,20 @@ def test_limits_hold_to_the_tick_whenever_a_move_began():
 )  # fmt: skip
 def test_policies_that_return_anything_else_than_directions_are_refused(motor_fmu, action):
     system = CoSimulation(SHORT, motor_fmu)
-    system.reset(((15, 29), (15, 0)), np.random.SeedSequence(0))
+    system.reset()
     expected = r"^the policy returned .*; expected 2 integers from 0 to 7"
     with pytest.raises(UserError, match=expected):
-        system.advance(action)
+        system.step(action)
     system.close()
 
 
 def test_observation_has_the_targets(motor_fmu):
     system = CoSimulation(SHORT, motor_fmu)
-    observation = system.reset(((15, 29), (15, 0)), np.random.SeedSequence(0))
+    observation = system.reset()
     assert observation.targets.tolist() == [[15, 27], [15, 2]]
     for array in observation:
         array[:] = 0  # a policy's own copy
-    assert system.advance(np.array([SOUTH, NORTH])).after.targets.tolist() == [[15, 27], [15, 2]]
+    assert system.step(np.array([SOUTH, NORTH])).after.targets.tolist() == [[15, 27], [15, 2]]
     goals = system.episode._commands[:, GOAL_X : GOAL_Y + 1]
     assert goals.tolist() == pytest.approx(np.array([[0.155, 0.285], [0.155, 0.015]]))
     system.close()
@@ -204,7 +190,7 @@ def test_values_that_are_none_of_the_directions_are_refused(values):
 
 def test_observation_sees_the_nearest_robot(motor_fmu):
     system = CoSimulation(SHORT, motor_fmu)
-    observation = system.reset(((10, 10), (18, 10)), np.random.SeedSequence(0))
+    observation = system.reset(((10, 10), (18, 10)))
     assert observation.distance_class.tolist() == [MEDIUM, MEDIUM]
     assert observation.gradient_sign.tolist() == [0, 0]
     assert observation.direction.tolist() == [NORTH, NORTH]
@@ -213,8 +199,8 @@ def test_observation_sees_the_nearest_robot(motor_fmu):
 def test_equal_seeds_give_equal_noise(motor_fmu):
     def first_step(seed):
         system = CoSimulation(SHORT, motor_fmu)
-        system.reset(((15, 29), (15, 0)), np.random.SeedSequence(seed))
-        return system.advance(np.array([EAST, EAST])).samples.omega
+        system.reset(seed=seed)
+        return system.step(np.array([EAST, EAST])).samples.omega
 
     assert np.array_equal(first_step(1), first_step(1))
     assert not np.array_equal(first_step(1), first_step(2))
@@ -234,26 +220,12 @@ def test_starts_that_always_touch_are_refused():
         draw_starts(crowd, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize(
-    ("timing", "message"),
-    [
-        ({"dt_s": 3e-5}, "communication_step_s = 1e-05 s is not a whole multiple of dt_s"),
-        ({"communication_step_s": 3e-5}, "control_period_s = 0.001 s is not a whole multiple"),
-        ({"rl_step_s": 0.0015}, "rl_step_s = 0.0015 s is not a whole multiple"),
-        ({"dt_s": 0.0}, "dt_s must be positive"),
-    ],
-)
-def test_times_that_do_not_divide_are_refused(timing, message):
-    with pytest.raises(ConfigError, match=message):
-        CoSimConfig(timing=TIMING._replace(**timing))
-
-
 def test_the_scenario_decides_the_diameter(motor_fmu):
     small = Scenario("small", "", SHORT.targets, SHORT.starts, robot_diameter_m=0.03)
     with pytest.raises(ConfigError, match=r"diameter_m = 0\.05 .* robot_diameter_m = 0\.03"):
-        CoSimulation(small, motor_fmu, CoSimConfig())
+        CoSimulation(small, motor_fmu, CoSimConfig()).reset()
     config = CoSimConfig().sized(0.03)
-    assert CoSimulation(small, motor_fmu, config).config == config
+    assert CoSimulation(small, motor_fmu).config == config
     values = {name: row["value"] for name, row in config.table().items()}
     assert values["diameter_m"] == 0.03
     assert values["foot_radius_m"] == pytest.approx(0.6 * TABLE_I.foot_radius_m)
@@ -262,27 +234,23 @@ def test_the_scenario_decides_the_diameter(motor_fmu):
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("record", "changes", "message"),
     [
-        (
-            {"diameter_m": 0.04},
-            r"foot_radius_m = 0\.023 lies outside a robot of diameter_m = 0\.04",
-        ),
-        ({"motor_radius_m": 0.03}, r"motor_radius_m = 0\.03 lies outside"),
-        ({"motor_radius_m": 0.005}, r"two motors of motor_length_m = 0\.0102 do not fit"),
+        ("timing", {"dt_s": 3e-5}, "communication_step_s = 1e-05 s is not a whole multiple"),
+        ("timing", {"communication_step_s": 3e-5}, "control_period_s = 0.001 s is not a whole"),
+        ("timing", {"rl_step_s": 0.0015}, "rl_step_s = 0.0015 s is not a whole multiple"),
+        ("timing", {"dt_s": 0.0}, "timing.dt_s = 0.0 is invalid: expected float > 0"),
+        ("robot", {"diameter_m": 0.04}, "foot_radius_m = 0.023 lies outside .*diameter_m = 0.04"),
+        ("robot", {"motor_radius_m": 0.03}, "motor_radius_m = 0.03 lies outside"),
+        ("robot", {"motor_radius_m": 0.005}, "two motors of motor_length_m = 0.0102 do not fit"),
+        ("steering", {"forward_speed_rad_s": 1200.0}, "would make the robot hop"),
     ],
 )
-def test_impossible_robots_are_refused(changes, message):
+def test_parameters_that_do_not_fit_each_other_are_refused(record, changes, message):
     with pytest.raises(ConfigError, match=message):
-        CoSimConfig(robot=TABLE_I._replace(**changes))
+        replace(CoSimConfig(), **{record: getattr(CoSimConfig(), record)._replace(**changes)})
     with pytest.raises(ConfigError, match="make the robot larger"):
         CoSimConfig().sized(0.01)
-
-
-def test_hopping_speed_is_refused():
-    steering = CoSimConfig().steering._replace(forward_speed_rad_s=1200.0)
-    with pytest.raises(ConfigError, match="would make the robot hop"):
-        CoSimConfig(steering=steering)
 
 
 @pytest.mark.parametrize("speed", [1160.0, -1e5])

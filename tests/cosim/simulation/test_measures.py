@@ -26,11 +26,9 @@ def samples_of(positions: np.ndarray, voltage: float = 0.0, current: float = 0.0
 def circles(radii: tuple[float, ...], periods: int) -> np.ndarray:
     """One turn of each robot around its own centre, centres 20 cm apart on a line."""
     angle = 2.0 * np.pi * np.arange(1, periods + 1) / periods
-    tracks = [
-        np.stack([0.2 * k + r * np.cos(angle), r * np.sin(angle)], axis=1)
-        for k, r in enumerate(radii)
-    ]
-    return np.stack(tracks, axis=1)
+    r, k = np.array(radii), np.arange(len(radii))
+    x, y = 0.2 * k + r * np.cos(angle)[:, None], r * np.sin(angle)[:, None]
+    return np.stack([x, y], axis=2)
 
 
 def test_path_length_of_a_circle():
@@ -67,14 +65,10 @@ def test_vibration_is_no_path():
 
 def test_rotation_counts_both_ways_and_beyond_a_turn():
     """400° one way and 100° back, in steps below half a turn, however RL steps cut them."""
-    turned = np.deg2rad(
-        np.r_[np.linspace(0.0, 400.0, 4001)[1:], np.linspace(400.0, 300.0, 1001)[1:]]
-    )
+    degrees = [np.linspace(0.0, 400.0, 4001)[1:], np.linspace(400.0, 300.0, 1001)[1:]]
+    half = np.deg2rad(np.concatenate(degrees)) / 2
     samples = samples_of(np.zeros((5000, 1, 2)))
-    samples.quaternion[:, 0, 0], samples.quaternion[:, 0, 3] = (
-        np.cos(turned / 2),
-        np.sin(turned / 2),
-    )
+    samples.quaternion[:, 0, 0], samples.quaternion[:, 0, 3] = np.cos(half), np.sin(half)
     measures = measures_from(np.zeros((1, 2)))
     for part in np.split(np.arange(5000), 8):
         measures.add(Samples(*(signal[part] for signal in samples)))

@@ -3,44 +3,26 @@
 import pytest
 
 from cosim.base.arguments import ConfigError
+from cosim.base.progress import silent
 from cosim.calibration.shielding import with_stopping_distance
 from cosim.model.config import CoSimConfig
-from cosim.model.params import SHIELD, SPEED_NOISE, TABLE_I
+from cosim.model.params import SHIELD
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import World
-from cosim.simulation.options import SimulationOptions, resolve
-
-MACHINE = "[robot]\nmu = 0.3\n[world]\nrestitution = 0.2\nmotor_speed_noise = 0.1\n"
-
-
-@pytest.mark.parametrize(
-    ("options", "world", "mu", "noise", "restitution"),
-    [
-        ({}, World(), 0.3, 0.1, 0.2),
-        ({}, World(mu=0.2, motor_speed_noise=0.0, restitution=0.0), 0.2, 0.0, 0.0),
-        ({"mu": 0.1, "noise": 0.02}, World(restitution=0.0), 0.1, 0.02, 0.0),
-        ({"preset": "paper"}, World(), TABLE_I.mu, SPEED_NOISE.relative_amplitude, None),
-    ],
-)
-def test_options_override_the_world_and_that_the_machine(
-    tmp_path, options, world, mu, noise, restitution
-):
-    machine = tmp_path / "machine.toml"
-    machine.write_text(MACHINE)
-    config = SimulationOptions(**{"preset": str(machine)} | options).config(world)
-    assert (config.robot.mu, config.noise.relative_amplitude) == (mu, noise)
-    assert config.world.restitution == restitution
+from cosim.simulation.options import EpisodeOptions, SimulationOptions, resolve
+from minirobots.commands.episodes import Run
 
 
 @pytest.mark.slow
 def test_a_setup_has_obstacles_of_its_world_and_a_shield_for_it(motor_fmu):
     world = World(obstacles=((3, 4),), edge=True)
-    setup = resolve(SimulationOptions(shield=True, motor_fmu=motor_fmu), "2", world=world)
-    assert set(setup.scenario.obstacles) == {*find_scenario("2").obstacles, (3, 4)}
-    assert setup.config.world.edge and not setup.config.world.obstacles
-    assert setup.config == with_stopping_distance(setup.config, setup.fmu)
-    assert setup.config.shield not in {None, SHIELD}
-    assert setup.fmu == motor_fmu
+    options = SimulationOptions(shield=True, motor_fmu=motor_fmu)
+    scenario, config, fmu = resolve(options, "2", world=world)
+    assert set(scenario.obstacles) == {*find_scenario("2").obstacles, (3, 4)}
+    assert config.world.edge and not config.world.obstacles
+    assert config == with_stopping_distance(config, fmu)
+    assert config.shield not in {None, SHIELD}
+    assert fmu == motor_fmu
 
 
 def test_a_scenario_is_refused_before_anything_is_measured(tmp_path):
@@ -62,3 +44,20 @@ def test_a_time_limit_is_the_end_of_an_rl_step():
 def test_a_shield_is_a_record_or_none(shield):
     with pytest.raises(ConfigError, match="shield = "):
         CoSimConfig(shield=shield)
+
+
+def test_show_config_prints_every_parameter_with_its_source(tmp_path, capsys):
+    world = tmp_path / "icy.toml"
+    world.write_text("[world]\nmu = 0.1\n")
+    physics = EpisodeOptions(world=world, noise=0.1, record="summary")
+    run = Run(scenario="1a", show_config=True, physics=physics, out=tmp_path / "out")
+    run.run(silent).show()
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == len(CoSimConfig().table())
+    assert "robot.mu = 0.1  (world icy)" in lines
+    assert "noise.relative_amplitude = 0.1  (given)" in lines
+    assert "timing.rl_step_s = 2.0 s  (Section V)" in lines
+    assert [
+        line for line in lines if line.startswith("steering.turn_speed") and "(calibrated" in line
+    ]
+    assert not (tmp_path / "out").exists()

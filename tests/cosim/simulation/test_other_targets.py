@@ -13,7 +13,7 @@ from cosim.model.scenario_file import find_scenario
 from cosim.onboard.shield import STOPS
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.recording.episode_log import EpisodeLog
-from cosim.simulation.cosimulation import CoSimulation, run_episode
+from tests.alone import drive
 
 E, NE, N, NW, W, S = 0, 1, 2, 3, 4, 6
 # the second robot's target is on the first one's way
@@ -22,22 +22,13 @@ BEYOND = Scenario(
 )
 
 
-def drive(motor_fmu, config, straight_policy, steps_of):
-    system = CoSimulation(BEYOND, motor_fmu, config)
-    starts = tuple(cells[0] for cells in BEYOND.starts)
-    policy, seed = straight_policy(BEYOND.targets), np.random.SeedSequence(0)
-    run_episode(system, policy, starts, seed, steps_of.append)
-    return system
-
-
 def test_a_robot_that_drives_over_anothers_target_collides(motor_fmu, straight_policy):
-    steps = []
-    system = drive(motor_fmu, CoSimConfig(), straight_policy, steps)
-    assert system.outcome == "collision"
+    system, steps = drive(BEYOND, motor_fmu, straight_policy(BEYOND.targets))
+    assert system.episode.outcome == "collision"
     assert steps[-1].events.tolist() == [COLLISION, RUNNING]
     *_, before, after = steps[-1].samples.position[:, 0, 1]
     assert before < 0.06 <= after  # its centre enters the cell, not its rim
-    assert system.measures.contact_time_s == 0.0
+    assert system.episode.measures.contact_time_s == 0.0
     log = EpisodeLog(BEYOND, system.config)
     lines = [line for step in steps for line in log.lines(step, np.zeros(2))]
     assert lines[-2].text.startswith("r1 enters another robot's target at (4.")
@@ -49,19 +40,19 @@ def test_a_robot_that_drives_over_anothers_target_collides(motor_fmu, straight_p
 
 def test_robots_that_push_on_after_collisions_drive_over_targets(motor_fmu, straight_policy):
     timing = CoSimConfig().timing._replace(episode_limit_s=10.0)
-    config, steps = CoSimConfig(on_collision="continue", timing=timing), []
-    system = drive(motor_fmu, config, straight_policy, steps)
-    assert system.outcome == "timeout"
+    config = CoSimConfig(on_collision="continue", timing=timing)
+    system, steps = drive(BEYOND, motor_fmu, straight_policy(BEYOND.targets), config)
+    assert system.episode.outcome == "timeout"
     assert steps[-1].samples.position[-1, 0, 1] > 0.061
 
 
 @pytest.mark.long
 def test_the_shield_keeps_out_of_anothers_target(motor_fmu, straight_policy):
     timing = CoSimConfig().timing._replace(episode_limit_s=60.0)
-    steps = []
-    system = drive(motor_fmu, CoSimConfig(shield=SHIELD, timing=timing), straight_policy, steps)
-    assert system.outcome != "collision"
-    assert system.conflicts > 0  # yielding: no move begins that leads there
+    config = CoSimConfig(shield=SHIELD, timing=timing)
+    system, steps = drive(BEYOND, motor_fmu, straight_policy(BEYOND.targets), config)
+    assert system.episode.outcome != "collision"
+    assert system.episode.conflicts > 0  # yielding: no move begins that leads there
     path = np.concatenate([step.samples.position[:, 0, :2] for step in steps])
     inside = ((path >= (0.04, 0.06)) & (path < (0.05, 0.07))).all(axis=1)
     assert not inside.any()
@@ -71,8 +62,8 @@ def test_the_monitor_alone_keeps_out_of_anothers_target(motor_fmu, straight_poli
     monkeypatch.setattr("cosim.simulation.episode.permitted", lambda *asked: asked[4])
     timing = CoSimConfig().timing._replace(episode_limit_s=30.0)
     config = CoSimConfig(shield=SHIELD, timing=timing)
-    system = drive(motor_fmu, config, straight_policy, [])
-    assert system.outcome == "timeout"
+    system, _ = drive(BEYOND, motor_fmu, straight_policy(BEYOND.targets), config)
+    assert system.episode.outcome == "timeout"
     assert system.episode._shields[0, STOPS] >= 1
 
 
@@ -99,10 +90,8 @@ def test_moves_into_anothers_target_or_over_its_corner_yield(cell, wanted, allow
 
 def test_a_zone_that_is_an_obstacle_ends_the_episode_in_the_dynamics(motor_fmu, straight_policy):
     zoned = replace(BEYOND, targets=((4, 13), (12, 6)), zone=(3, 6, 5, 13), zone_is_obstacle=True)
-    system, steps = CoSimulation(zoned, motor_fmu), []
-    starts, seed = tuple(cells[0] for cells in BEYOND.starts), np.random.SeedSequence(0)
-    run_episode(system, straight_policy(zoned.targets), starts, seed, steps.append)
-    assert system.outcome == "collision"
+    system, steps = drive(zoned, motor_fmu, straight_policy(zoned.targets))
+    assert system.episode.outcome == "collision"
     log = EpisodeLog(zoned, system.config)
     lines = [line.text for step in steps for line in log.lines(step, np.zeros(2))]
     assert lines[-2].startswith("r1 enters the restricted zone at (4.")
@@ -113,15 +102,16 @@ def test_the_restricted_zone_is_a_named_option_of_the_papers_scenarios(name):
     usual, zoned = find_scenario(name), find_scenario(f"{name}-zone")
     assert usual.digest() != zoned.digest()
     for robot, target in enumerate(usual.targets):
-        allowed = np.ones((30, 30), dtype=bool)
-        allowed[12:19, 12:19] = False
-        allowed[target] = True
-        for scenario, expected in ((zoned, allowed), (usual, np.ones((30, 30), dtype=bool))):
+        others = [cell for cell in usual.targets if cell != target]
+        for scenario in (usual, zoned):
             free = np.ones((30, 30), dtype=bool)
             for left, bottom, right, top in scenario.forbidden[robot]:
                 if left < np.inf:
                     free[int(left) : int(right), int(bottom) : int(top)] = False
-            others = [cell for cell in usual.targets if cell != target]
-            for cell in others if scenario is usual else []:
-                expected[cell] = False
+            expected = np.ones((30, 30), dtype=bool)
+            if scenario is zoned:
+                expected[12:19, 12:19] = False  # where all targets are
+                expected[target] = True
+            else:
+                expected[tuple(np.array(others, dtype=int).reshape(-1, 2).T)] = False
             assert (free == expected).all()

@@ -10,9 +10,8 @@ import pytest
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import FileError
 from cosim.machine.identification.fit import Fit, unidentifiable
-from cosim.machine.identification.motion import Machine, tracks
 from cosim.machine.identification.noise import Noise, deviance, likeliest_noise, residuals
-from cosim.machine.identification.simulated import NAMES, SPREADS, usual_values
+from cosim.machine.identification.simulated import NAMES, SPREADS, Machine, tracks, usual_values
 from cosim.machine.identification.track import (
     COLUMNS,
     HOLD_S,
@@ -239,9 +238,9 @@ def test_a_robot_is_identified_from_its_track(tmp_path, command):
     assert mu["identifiable"]
     assert len(mu["rises"]) == 2
     preset = find_preset(out / "preset.toml")
-    assert preset.robot.mu == mu["value"]
-    assert preset.motor.J == 3e-9
-    assert preset.sources["J"] == "given by motor_parameters"
+    assert preset.config().robot.mu == mu["value"]
+    assert preset.config().motor.J == 3e-9
+    assert preset.tree["J"] == (3e-9, "given by motor_parameters")
     assert preset.config().world.camera.rate_hz == 30.0
     assert "| com_x_m | centre of mass before the axis | " in (out / "report.md").read_text()
     assert "<svg" in (out / "tracks.svg").read_text()

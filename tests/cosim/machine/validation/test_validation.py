@@ -1,5 +1,6 @@
 """Simulated and published: what is measured, how it is kept, what the tables say."""
 
+import cmath
 import json
 import math
 
@@ -12,37 +13,27 @@ from cosim.machine.platform.motion import net_speed, robot_platform
 from cosim.machine.validation import validate as measurement
 from cosim.machine.validation.driving import (
     PARAMETERS,
-    Leg,
     MeasuredSpeed,
     closed_form,
     drive_by_the_clock,
     measured_speed,
-    polygon,
-    sideways,
 )
-from cosim.machine.validation.published import PATHS, SPEEDS, PublishedPath, step_um
+from cosim.machine.validation.published import PATHS, SPEEDS, Legs, polygon, step_um
 from cosim.machine.validation.report import ValidationReport, report_of, text_of
 from cosim.machine.validation.validate import QUICK, validate
 from cosim.model.config import CoSimConfig
 
 
-def test_paths_lead_back_or_to_the_side():
+@pytest.mark.parametrize("path", PATHS, ids=lambda path: path.name)
+def test_paths_lead_to_where_they_are_meant_to(path):
     """What the parts of a path add up to, if each is exact."""
-
-    def end(path: list[Leg]) -> complex:
-        where, heading = 0j, 0.0
-        for manoeuvre, amount in path:
-            if manoeuvre in {"left", "right"}:
-                heading += amount if manoeuvre == "left" else -amount
-            else:
-                sense = 1.0 if manoeuvre == "forwards" else -1.0
-                where += sense * amount * complex(math.cos(heading), math.sin(heading))
-        assert heading == pytest.approx(0.0) or heading == pytest.approx(2.0 * math.pi)
-        return where
-
-    assert end(polygon(3, 0.06)) == pytest.approx(0j)
-    assert end(polygon(4, 0.08)) == pytest.approx(0j)
-    assert end(sideways(3, 0.01, math.radians(20.0))) == pytest.approx(1j * measurement.v_meant_m())
+    where, heading = 0j, 0.0
+    for manoeuvre, amount in path.legs:
+        if manoeuvre in {"left", "right"}:
+            heading += amount if manoeuvre == "left" else -amount
+        else:
+            where += (1.0 if manoeuvre == "forwards" else -1.0) * cmath.rect(amount, heading)
+    assert (where.real, where.imag, heading) == pytest.approx(path.meant)
 
 
 def test_speeds_are_those_of_the_platform_in_phase(motor_fmu):
@@ -52,7 +43,7 @@ def test_speeds_are_those_of_the_platform_in_phase(motor_fmu):
 
 
 def test_paths_by_the_clock_end_about_where_they_are_meant_to(motor_fmu):
-    path = [Leg("forwards", 4e-3), Leg("left", 0.2), Leg("backwards", 4e-3)]
+    path: Legs = (("forwards", 4e-3), ("left", 0.2), ("backwards", 4e-3))
     config, fmu = CoSimConfig(), MotorFmu(motor_fmu)
     ends = drive_by_the_clock(config, fmu, path, 3, seed=1, dithered=True)
     meant = (4e-3 * (1.0 - math.cos(0.2)), -4e-3 * math.sin(0.2))
@@ -73,16 +64,16 @@ def test_closed_form_sensitivities_are_of_robots_on_the_floor():
 @pytest.fixture
 def made_up() -> ValidationReport:
     """Speeds of twice those published, and paths that end 3 mm and 4 mm off."""
-    speeds = [(p, MeasuredSpeed(2e-3 * (p.value or 1.0), 0.0, 1.0, 0.5)) for p in SPEEDS]
+    speeds = {p: MeasuredSpeed(2e-3 * (p.value or 1.0), 0.0, 1.0, 0.5) for p in SPEEDS}
     slopes: dict[str, float | None] = dict.fromkeys((*PARAMETERS, "motor speed"), 2.0)
     slopes |= {"mu": -1.0, "mass_kg": 0.5}
     points = [p for p in SPEEDS if p.preset == "icra2006" and p.value is not None]
     ends = [[3e-3, 4e-3, 0.1]] * 2
     return report_of(
         speeds,
-        [(p, slopes, {"mu": -3.0}) for p in points],
-        [(path, True, ends) for path in (*PATHS, None)],
-        QUICK.phases,
+        {p: (slopes, {"mu": -3.0}) for p in points},
+        [(path, True, ends) for path in PATHS],
+        QUICK,
         seed=0,
     )
 
@@ -116,10 +107,8 @@ def test_tables_compare_and_explain(made_up):
 @pytest.mark.long
 def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, command):
     """The whole command on one speed and one small path, twice."""
-    small = PublishedPath(3, 1.0, (1.0,), None, "made up")
     monkeypatch.setattr(measurement, "SPEEDS", (SPEEDS[-1],))
-    monkeypatch.setattr(measurement, "PATHS", (small,))
-    monkeypatch.setattr(measurement, "sideways", lambda *_: [Leg("forwards", 1e-3)])
+    monkeypatch.setattr(measurement, "PATHS", (polygon(3, 1.0, (1.0,), None),))
     counts: list[float] = []
 
     def told(task: str, done: float, total: float | None, state: str = "") -> None:

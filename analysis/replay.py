@@ -1,0 +1,77 @@
+"""A recorded episode, simulated again and compared with its recording."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from agent.policies import load_policy
+from analysis.compare import find_differences, series_of
+from cosim.base.progress import Progress
+from cosim.base.provenance import versions
+from cosim.base.reading import parsing
+from cosim.coupling.rl_step import sampled_of
+from cosim.recording.episode import EpisodeRecorder
+from cosim.recording.file import Kept
+from cosim.recording.reader import EPISODE, read_chunks, read_rrd
+from cosim.simulation.episode import RunningEpisode
+from cosim.simulation.options import Physics
+from cosim.simulation.tasks import EpisodeOrigin, Task, recorder_of, simulate_tasks
+
+
+def replay(
+    recording: Path, policy: Path | None, motor_fmu: Path | None, progress: Progress
+) -> dict[str, Any]:
+    """Simulate a recorded episode again, and return how it differs from the recording.
+
+    Args:
+        recording: of an episode.
+        policy: of the run, by default policy.npz in the folder above that of the recording.
+        motor_fmu: of the run, by default the built-in one.
+        progress: receives the simulated time.
+
+    Returns:
+        The file, whether its writer completed it, numbers of signals and values that were compared
+        (states and log lines among them), the differences, each with the signal and the time from
+        which on it differs (None if samples are lacking), and versions of packages that are not
+        those of the recording, recorded and now.
+
+    Raises:
+        UserError: it is no recording of an episode, says too little to run it again, or was
+            recorded with another motor FMU.
+    """
+    data = read_rrd(recording)
+    with parsing(recording, EPISODE):
+        origin = msgspec.json.decode(data.properties["origin"]["task"], type=EpisodeOrigin)
+        level = data.properties["episode"]["record"]
+        signals = msgspec.json.decode(data.properties["episode"].get("signals", "[]"))
+        then = msgspec.json.decode(data.properties["episode"]["versions"], type=dict[str, str])
+    path = policy or recording.absolute().parents[1] / "policy.npz"
+    loaded = load_policy(path, origin.scenario)
+    task = Task.again(origin, Physics(motor_fmu=motor_fmu).fmu(progress), loaded)
+    kept = Kept()
+
+    def recorder(episode: RunningEpisode) -> EpisodeRecorder:
+        maps = loaded.maps()
+        return recorder_of(episode, kept, data.recording_id, {}, level=level, policies=maps)
+
+    def watch(_: Any, episode: RunningEpisode, __: float) -> None:
+        progress("replaying", episode.time_s, task.config.timing.episode_limit_s)
+
+    sampled = sampled_of(task.scenario.robots, signals)
+    for _ in simulate_tasks([replace(task, recorder=recorder, watch=watch, sampled=sampled)], 1):
+        pass
+    replayed, now = read_chunks(kept.chunks, data.recording_id), versions()
+    recorded = series_of(data)
+    return {
+        "recording": str(data.path),
+        "complete": data.complete,
+        "signals": len(recorded | series_of(replayed)),
+        "values": sum(values.size for _, values in recorded.values()),
+        "differences": [
+            {"signal": name, "time_s": time_s}
+            for name, time_s in find_differences(data, replayed).items()
+        ],
+        "versions": {k: (v, now.get(k, "")) for k, v in then.items() if v != now.get(k)},
+    }

@@ -1,0 +1,51 @@
+"""One episode at a time: a batch with one place."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.coupling.parameters import with_motor
+from cosim.coupling.rl_step import Step, SupportsAct, decide
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Cell, Scenario
+from cosim.onboard.features import Observation
+from cosim.simulation.batch import Batch
+from cosim.simulation.episode import RunningEpisode
+
+
+class CoSimulation(Batch):
+    """Robots, motors and floor of one scenario; by default with the default parameters."""
+
+    episode: RunningEpisode
+
+    def __init__(
+        self, scenario: Scenario, fmu: Path, config: CoSimConfig | None = None, **how: Any
+    ) -> None:
+        self.scenario = scenario
+        config = with_motor(config or CoSimConfig().sized(scenario.diameter_m), fmu)
+        super().__init__(fmu, config, scenario.robots, 1, **how)
+
+    def reset(
+        self, starts: tuple[Cell, ...] = (), seed: np.random.SeedSequence | int = 0
+    ) -> Observation:
+        """Begin an episode, by default from the first start of each robot."""
+        starts = starts or tuple(cells[0] for cells in self.scenario.starts)
+        seed = np.random.SeedSequence(seed) if isinstance(seed, int) else seed
+        self.episode = self.begin(0, self.scenario, starts, seed)
+        return self.episode.observation
+
+    def step(self, action: np.ndarray) -> Step:
+        return self.advance({0: action})[0]
+
+
+def drive(
+    scenario: Scenario, fmu: Path, policy: SupportsAct, config: CoSimConfig | None = None
+) -> tuple[CoSimulation, list[Step]]:
+    """Simulate an episode until its end, and return its RL steps."""
+    system, steps = CoSimulation(scenario, fmu, config), []
+    system.reset()
+    while not system.episode.outcome:
+        steps.append(system.step(decide(policy, system.episode.observation).action))
+    system.close()
+    return system, steps
