@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.fig05 import draw_board, robot_colour
 from cosim.base.plotting import styled
-from cosim.recording.reader import Episode, read_episode
-from cosim.recording.rrd import RecordingData
+from cosim.recording.reader import Episode, RecordingData, read_episode
 
 Recorded = Episode | RecordingData
 _NONE = (np.empty(0), np.empty(0))

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -83,9 +83,15 @@ def export(
         out: file to write; its folder is made if it is missing.
         progress: receives every signal.
     """
+    facts = {
+        "facts": dict(episode.facts),
+        "outcome": episode.outcome,
+        "complete": episode.complete,
+        "parameters": {name: p._asdict() for name, p in episode.parameters.items()},
+    }
     with replacing(out) as temporary:
         if to == "parquet":
-            schema = _SCHEMA.with_metadata({METADATA_KEY: json.dumps(_facts(episode))})
+            schema = _SCHEMA.with_metadata({METADATA_KEY: json.dumps(facts)})
             writer = pyarrow.parquet.ParquetWriter(temporary, schema, compression="zstd")
         else:
             schema = _PLAIN
@@ -95,29 +101,21 @@ def export(
                 writer.write_table(table.cast(schema))
 
 
-def _facts(episode: Episode) -> dict[str, Any]:
-    return {
-        "facts": dict(episode.facts),
-        "outcome": episode.outcome,
-        "complete": episode.complete,
-        "parameters": {name: p._asdict() for name, p in episode.parameters.items()},
-    }
-
-
 def _tables(episode: Episode, progress: Progress) -> Iterator[pa.Table]:
     """A table per signal, then one per state or log."""
     total = len(episode.signals) + len(episode.texts)
     for done, (path, signal) in enumerate(episode.signals.items()):
         progress("exporting", done, total)
-        names = signal.names
-        values = np.ascontiguousarray(signal.values, np.float64).reshape(-1)
-        rows = len(signal.time_s)
+        names, rows = signal.names, len(signal.time_s)
         numbers = np.tile(np.arange(len(names), dtype=np.int32), rows)
         component = pa.DictionaryArray.from_arrays(numbers, list(names))
+        values = pa.array(np.ascontiguousarray(signal.values, np.float64).reshape(-1))
+        nothing = pa.nulls(len(values), pa.string())
         times = np.repeat(signal.time_s, len(names))
-        yield _table(path, component, signal.unit, times, value=values)
-    for path, texts in episode.texts.items():
-        yield _table(path, _same("", len(texts.texts)), "", texts.time_s, text=texts.texts)
+        yield _table(path, component, signal.unit, times, values, nothing)
+    for path, (time_s, texts) in episode.texts.items():
+        nothing, component = pa.nulls(len(texts), pa.float64()), _same("", len(texts))
+        yield _table(path, component, "", time_s, nothing, pa.array(texts, pa.string()))
     progress("exporting", total, total)
 
 
@@ -126,12 +124,8 @@ def _same(text: str, count: int) -> pa.DictionaryArray:
 
 
 def _table(
-    path: str, component: pa.DictionaryArray, unit: str, time_s: np.ndarray, **given: Any
+    path: str, component: pa.Array, unit: str, time_s: np.ndarray, value: pa.Array, text: pa.Array
 ) -> pa.Table:
     count = len(time_s)
-    columns = {"signal": _same(path, count), "component": component, "unit": _same(unit, count)}
-    columns["time_s"] = pa.array(time_s)
-    for name in ("value", "text"):
-        kind = _SCHEMA.field(name).type
-        columns[name] = pa.array(given[name], kind) if name in given else pa.nulls(count, kind)
+    columns = [_same(path, count), component, _same(unit, count), pa.array(time_s), value, text]
     return pa.table(columns, schema=_SCHEMA)

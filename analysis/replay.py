@@ -14,8 +14,7 @@ from cosim.base.reading import parsing
 from cosim.coupling.rl_step import sampled_of
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept
-from cosim.recording.reader import EPISODE
-from cosim.recording.rrd import read_chunks, read_rrd
+from cosim.recording.reader import EPISODE, read_chunks, read_rrd
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import Physics
 from cosim.simulation.tasks import EpisodeOrigin, Task, recorder_of, simulate_tasks

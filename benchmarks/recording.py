@@ -25,7 +25,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.recording.episode import EpisodeRecorder
-from cosim.recording.levels import DETAILS, Level
+from cosim.recording.series import DETAILS, Level
 from cosim.simulation.batch import Batch
 from fmus.build import cached_fmu
 

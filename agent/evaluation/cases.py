@@ -20,7 +20,7 @@ from cosim.base.provenance import digest_of
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell
 from cosim.recording.episode import EpisodeRecorder
-from cosim.recording.levels import with_bursts
+from cosim.recording.series import with_bursts
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.simulate import episode_facts

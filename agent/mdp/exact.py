@@ -29,7 +29,7 @@ from agent.mdp.readings import Process
 from agent.mdp.rng import seeded_state
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT, Outcome
-from cosim.recording.policy_map import PolicyMap
+from cosim.recording.series import PolicyMap
 
 MAX_STARTS = 10_000
 UP, DOWN = 2, 6  # directions

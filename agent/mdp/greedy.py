@@ -36,7 +36,7 @@ from cosim.base.storage import json_text, replacing, require_suffix, write_json
 from cosim.coupling.rl_step import Decision, Step
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, Observation
-from cosim.recording.policy_map import PolicyMap
+from cosim.recording.series import PolicyMap
 
 
 @kernel

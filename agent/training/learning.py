@@ -61,7 +61,7 @@ class TrainingState:
         greedy: (G, 3) float64, exact evaluations during training: success rate, path length in
             cells, moves.
         maps: (S, N, 3, columns, rows) float32, value, greedy direction and visits of each cell
-            (`cosim.recording.policy_map`) after the evaluations of `map_points`.
+            (`cosim.recording.series`) after the evaluations of `map_points`.
         episode: episodes done.
         agent_steps: decisions of all robots so far.
     """

@@ -39,7 +39,7 @@ from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
-from cosim.recording.policy_map import PolicyMap
+from cosim.recording.series import PolicyMap
 
 SCHEMA_VERSION = 1
 _FILE = Kind("policy file", "name a policy.npz that training has saved")

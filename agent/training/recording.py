@@ -17,10 +17,10 @@ from agent.mdp.greedy import GreedyPolicy
 from agent.training.loop import TrainingLog
 from cosim.base.errors import UserError, installing
 from cosim.base.provenance import digest_of
-from cosim.recording.blueprint import robot_names, training_blueprint
+from cosim.recording.blueprint import training_blueprint
 from cosim.recording.file import Recording, scalars
-from cosim.recording.policy_map import PolicyMap
-from cosim.recording.scene import SERIES, map_colours, palette, robot_colour, unit_arrows
+from cosim.recording.scene import map_colours, palette, robot_colour, unit_arrows
+from cosim.recording.series import SERIES, PolicyMap, robot_names
 
 _ARROW_CELLS = 0.8
 _GAP_CELLS, _BAR_CELLS = 1, 1  # between a map and its colour bar, and the bar's width
@@ -61,9 +61,8 @@ def write_training(
         }
         moments[policy.episodes] = policy.maps()
         for episode, maps in moments.items():
-            file.stream.set_time("episode", sequence=episode)
             for name, of_robot in zip(robot_names(robots), maps, strict=True):
-                _write_maps(file, name, of_robot)
+                _write_maps(file, name, episode, of_robot)
 
 
 def write_runs(path: Path, logs: Sequence[TrainingLog], facts: dict[str, Any]) -> None:
@@ -176,15 +175,19 @@ def _send_scatter(
     file.columns(f"/train/{entity}", [rr.TimeColumn("episode", sequence=episode)], rows)
 
 
-def _write_maps(file: Recording, name: str, maps: PolicyMap) -> None:
-    """Maps of a robot at the time that is set."""
+def _write_maps(file: Recording, name: str, episode: int, maps: PolicyMap) -> None:
+    """Maps of a robot after an episode."""
     known = maps.visits > 0
     visits = np.log10(np.maximum(maps.visits, 1))
-    file.stream.log(f"/q/{name}/value_map", _image(maps.value, known))
-    file.stream.log(f"/q/{name}/visits", _image(visits, known))
-    file.stream.log(f"/q/{name}/value_map/scale", _scale(maps.value, known, "{:.3g}"))
-    file.stream.log(f"/q/{name}/visits/scale", _scale(visits, known, "10^{:.1f}"))
-    file.stream.log(f"/q/{name}/policy", _arrows(maps.action, known))
+    time = rr.TimeColumn("episode", sequence=[episode])
+    for path, drawn in (
+        ("value_map", _image(maps.value, known)),
+        ("visits", _image(visits, known)),
+        ("value_map/scale", _scale(maps.value, known, "{:.3g}")),
+        ("visits/scale", _scale(visits, known, "10^{:.1f}")),
+        ("policy", _arrows(maps.action, known)),
+    ):
+        file.row(f"/q/{name}/{path}", drawn, times=[time])
 
 
 def _image(values: np.ndarray, known: np.ndarray) -> rr.Image:

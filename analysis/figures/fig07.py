@@ -17,7 +17,7 @@ from analysis.reading.motor_test import LOOPS, Response, read, rise
 from analysis.reading.results import FIGURES, RESULTS
 from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
 from cosim.model.params import TABLE_II, describe, motor_time_constant
-from cosim.recording.rrd import read_rrd
+from cosim.recording.reader import read_rrd
 
 COLOURS = {"open_loop": VERMILION, "closed_loop": BLUE}
 # What the right column shows larger: the start, in which the closed loop is at its limit.

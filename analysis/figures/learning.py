@@ -16,8 +16,7 @@ from agent.training.loop import TrainingLog
 from agent.training.runs import policy_paths
 from agent.training.store import LOG_FILE
 from analysis.figures.style import WIDTH_IN, Caption, Drawing
-from analysis.reading.results import FIGURES, RESULTS
-from analysis.reading.written import read_experiment
+from analysis.reading.results import FIGURES, RESULTS, read_experiment
 from cosim.base.errors import UserError
 from cosim.base.plotting import BLUE, GREY, VERMILION
 

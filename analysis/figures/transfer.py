@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from agent.evaluation.rows import Row, rate_column
 from agent.study.plot import draw_measure
+from agent.study.studies import TransferReport
 from analysis.figures.style import Caption, Drawing
-from analysis.reading.results import FIGURES
-from analysis.reading.written import read_transfer
+from analysis.reading.results import FIGURES, read_result
 from cosim.base.errors import UserError
 
 
@@ -71,8 +71,14 @@ def caption(rows: list[Row]) -> Caption:
 
 
 def make(results: Path) -> Drawing:
-    """Draw the figure of a results folder, which has a table with episodes."""
-    rows = [row for row in read_transfer(results).rows if row.success is not None]
+    """Draw the figure of a results folder.
+
+    Raises:
+        UserError: there is no such result, or it is damaged.
+        UserError: it has no row with episodes.
+    """
+    report: TransferReport = read_result("transfer", results, TransferReport)
+    rows = [row for row in report.rows if row.success is not None]
     if not rows:
         raise UserError("the table of `minirobots transfer` has no rows with episodes")
     return Drawing(draw(rows), caption(rows))

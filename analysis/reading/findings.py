@@ -11,8 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from cosim.recording.reader import Episode
-from cosim.recording.rrd import Signal
+from cosim.recording.reader import Episode, Signal
 from cosim.recording.series import IN_ZONE, NOT_ARRIVED, OFF_THE_BOARD, ON_OBSTACLE, ON_TARGET
 
 # Robots at most this far apart (over the distance at contact) touch each other if both touch.

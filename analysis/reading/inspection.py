@@ -6,8 +6,7 @@ import msgspec
 import numpy as np
 
 from analysis.reading.findings import Finding, find
-from cosim.recording.reader import Episode
-from cosim.recording.rrd import Signal
+from cosim.recording.reader import Episode, Signal
 from cosim.simulation.measures import PATH_SAMPLING_S
 
 SCHEMA_VERSION = 1

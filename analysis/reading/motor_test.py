@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.errors import FileError, UserError
-from cosim.recording.rrd import Signal, read_rrd
+from cosim.base.errors import UserError
+from cosim.recording.reader import Signal, read_rrd
 
 LOOPS = ("open_loop", "closed_loop")
 
@@ -44,7 +44,7 @@ def read(path: Path) -> dict[str, Response]:
     try:
         signals = read_rrd(path).signals
         return {loop: _response(signals, loop) for loop in LOOPS}
-    except (FileError, KeyError) as error:
+    except KeyError as error:
         raise UserError(
             f"{path} is not a recording of a motor test ({error}); "
             "make one with `minirobots motor-test`"

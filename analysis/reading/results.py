@@ -1,14 +1,20 @@
 """Places of results in a results folder, and the commands that write them.
 
 The one place that knows the layout and the order: `minirobots reproduce` fills it, figures and the
-report read from it. No result is read or made here.
+report read from it. Their writers own the content of results.
 """
 
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from cosim.base.errors import UserError
+from cosim.base.reading import Kind, read_json
 from cosim.model.scenario_file import PAPER, find_scenario
+
+if TYPE_CHECKING:
+    from agent.experiments.results import ExperimentResult
 
 # Episodes of a scenario with paths in Fig. 9 or 12: the paper draws many of one robot on one
 # board, and few of a pair.
@@ -43,11 +49,11 @@ class Result:
     arguments: tuple[str, ...] = ()
 
     def location(self, results: Path) -> Path:
-        """Its path in a results folder."""
+        """Return its path in a results folder."""
         return results / self.path
 
     def proof_in(self, results: Path) -> Path:
-        """The file in a results folder that proves that the result exists."""
+        """Return the file in a results folder that proves that the result exists."""
         return self.location(results) / self.proof
 
     def exists(self, results: Path) -> bool:
@@ -138,3 +144,31 @@ def missing(figure: str, results: Path) -> list[Result]:
 def recordings(name: str, results: Path) -> list[Path]:
     """Recordings of a result's episodes, in their order."""
     return sorted(RESULTS[name].location(results).glob("episodes/ep_*.rrd"))
+
+
+def read_result(name: str, results: Path, form: Any) -> Any:
+    """Return a result's JSON file as a record of a type.
+
+    Raises:
+        UserError: there is no such result, or it is damaged or of another command.
+    """
+    result = RESULTS[name]
+    kind = Kind(f"result of `minirobots {result.maker}`", f"run `{result.command(results)}`")
+    return read_json(result.proof_in(results), kind, form)
+
+
+def read_experiment(name: str, results: Path) -> "ExperimentResult":
+    """Description of an experiment by `minirobots experiments`.
+
+    Raises:
+        UserError: there is no such result, or it is of another experiment.
+    """
+    from agent.experiments.results import ExperimentResult  # noqa: PLC0415 - slow to import
+
+    content = read_result(name, results, ExperimentResult)
+    if content.experiment != name:
+        result = RESULTS[name]
+        raise UserError(
+            f"{result.proof_in(results)}: not a result of {name}; run `{result.command(results)}`"
+        )
+    return content

@@ -6,54 +6,172 @@ The page stands in a folder with its figures and opens from disk.
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jinja2
 
-from analysis.figures.style import FORMATS, Caption, read_caption
-from analysis.reading.results import FIGURES, missing
-from analysis.report.tables import (
-    episode_table,
-    learning_tables,
-    parameter_table,
-    timing_table,
-    transfer_tables,
+from agent.evaluation.rows import METHOD, MU, PATH_RATIO, SCENARIO, SHIELD, rate_column
+from agent.evaluation.series import RunSummary
+from agent.evaluation.statistics import interval_text
+from agent.experiments.results import ExperimentResult
+from agent.study.studies import QUICK_EPISODES, TransferReport
+from analysis.figures.style import FORMATS, NOTHING, read_caption
+from analysis.reading.results import (
+    DRIVEN_BY,
+    FIGURES,
+    RESULTS,
+    episodes_of,
+    missing,
+    read_experiment,
+    read_result,
 )
 from analysis.timings import TimingsFile, read_timings
 from cosim.base.errors import FileError, UserError
 from cosim.base.provenance import versions
 from cosim.base.storage import replacing, write_whole
+from cosim.base.table import field
+from cosim.model.config import CoSimConfig
+from cosim.model.outcome import ENDS
 from cosim.model.params import SPEED_NOISE, TABLE_I, TIMING
-from cosim.model.scenario_file import find_scenario
+from cosim.model.scenario_file import PAPER, find_scenario
 
 PAGE = "index.html"
 
 
-class Picture(NamedTuple):
-    """A figure on the page.
+# Column, measure of `agent.mdp.exact`, digits, factor, unit.
+_MEASURES = (
+    ("success", "success", 1, 100.0, " %"),
+    ("path length, cm", "path_length_cm", 2, 1.0, ""),
+    ("moves", "steps", 2, 1.0, ""),
+    ("path over shortest", "ratio_to_bound", 3, 1.0, ""),
+)
+_TRANSFER = (SCENARIO, METHOD, MU, SHIELD, field("episodes"), *map(rate_column, ENDS), PATH_RATIO)
 
-    Attributes:
-        label: its number in the paper, or its name.
-        caption: the paper's claim and our numbers.
-        png, pdf: relative to the page.
-    """
 
-    label: str
-    caption: Caption
-    png: str
-    pdf: str
+class ReportTable(NamedTuple):
+    """A table of text as it is shown, and the command that made its numbers."""
+
+    title: str
+    note: str
+    command: str
+    header: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+
+
+def learning_tables(results: Path) -> list[ReportTable]:
+    """Return the results of training, a table per experiment of the paper."""
+    titles = {
+        "fig08": "One robot, greedy policies after training",
+        "fig11": "Two robots, greedy policies after training",
+        "fig10": "The coefficient c of Eq. (12), scenario 4",
+        "sequel": "Four and six robots, Q-learning and double Q-learning",
+    }
+    return [
+        _learning_table(title, read_experiment(name, results))
+        for name, title in titles.items()
+        if RESULTS[name].exists(results)
+    ]
+
+
+def _learning_table(title: str, content: ExperimentResult) -> ReportTable:
+    rows, differences = [], content.differences
+    for key, variant in content.variants.items():
+        row = [variant.label]
+        for _, measure, digits, factor, unit in _MEASURES:
+            row.append(interval_text(variant.over_runs[measure], digits, factor, unit))
+        if differences:
+            difference = differences.get(key)
+            row.append(interval_text(difference["path_length_cm"]) if difference else NOTHING)
+        rows.append(tuple(row))
+    header = ["", *(column for column, *_ in _MEASURES)]
+    if differences:
+        header.append("difference in cm, same seeds")
+    runs = len(next(iter(content.variants.values())).runs)
+    note = (
+        f"Every start, or 10 000 draws where there are more, for each of {runs} "
+        f"run{'s' * (runs > 1)} of {content.episodes:,} training episodes: mean over the runs and "
+        "its 95 % Student interval, which is [–] where there are too few runs, or too many agree."
+    )
+    command = (
+        f"minirobots experiments {content.experiment} --runs {runs} "
+        f"--episodes {content.episodes} --seed {content.seed}"
+    )
+    return ReportTable(title, note, command, tuple(header), rows)
+
+
+def transfer_tables(results: Path) -> list[ReportTable]:
+    """Return the table of success in co-simulation, by method; none if it was not evaluated."""
+    if not RESULTS["transfer"].exists(results):
+        return []
+    report = read_result("transfer", results, TransferReport)
+    rows = [tuple(column.text(row) for column in _TRANSFER) for row in report.rows]
+    command = f"minirobots transfer --seed {report.seed}"
+    for option, of in (("scenarios", "scenario"), ("methods", "policy")):
+        names = dict.fromkeys(getattr(row, of) for row in report.rows)
+        command += f" --{option} {' '.join(names)}"
+    if max((row.planned for row in report.rows), default=0) <= QUICK_EPISODES:
+        command += " --quick"
+    header = tuple(column.heading for column in _TRANSFER)
+    note = (
+        "Policies in the full dynamics with noise on the measured speeds; shares with 95 % Wilson "
+        "intervals."
+    )
+    title = "Success in co-simulation by training method"
+    return [ReportTable(title, note, command, header, rows)]
+
+
+def episode_table(results: Path) -> list[ReportTable]:
+    """Return the table of recorded episodes; none if no episode has been recorded."""
+    rows = []
+    for scenario in PAPER:
+        for method in DRIVEN_BY:
+            result = RESULTS[episodes_of(scenario, method)]
+            if not result.exists(results):
+                continue
+            summary: RunSummary = read_result(result.name, results, RunSummary)
+            for number, episode in enumerate(summary.episodes):
+                recording = f"{result.path}/{episode.recording}" if episode.recording else NOTHING
+                lasted, path = f"{episode.sim_time_s:.0f} s", f"{episode.path_length_cm:.1f} cm"
+                name = f"{scenario}-{method}/{number}"
+                rows.append((name, episode.outcome.replace("_", " "), path, lasted, recording))
+    if not rows:
+        return []
+    note = (
+        "Scenario, method and number of the episode, with noise on the motors’ measured speeds. "
+        "A recording in the folder of results opens with"
+    )
+    header = ("episode", "outcome", "path length", "lasted", "recording")
+    return [ReportTable("Episodes", note, "rerun FILE.rrd", header, rows)]
+
+
+def timing_table(timings: TimingsFile) -> ReportTable:
+    """Return the table of the times of a reproduction's stages."""
+    rows = [
+        (name, f"{s.seconds:.1f} s", str(s.attempts), "" if s.finished else "not finished")
+        for name, s in timings.stages.items()
+    ]
+    total = sum(stage.seconds for stage in timings.stages.values())
+    note = (
+        f"Wall-clock time on {timings.cores} cores, profile “{timings.profile['name']}”; "
+        "a stage that was interrupted and continued counts with all its attempts."
+    )
+    rows.append(("all", f"{total:.1f} s", "", ""))
+    header = ("stage", "time", "attempts", "")
+    return ReportTable("Time", note, "minirobots reproduce", header, rows)
+
+
+def parameter_table() -> ReportTable:
+    """Parameters of the co-simulation as `cosim.model.params` has them."""
+    rows = []
+    for name, row in CoSimConfig().table().items():
+        value = f"{row['value']:.6g}" if isinstance(row["value"], float) else str(row["value"])
+        rows.append((name, f"{value} {row['unit']}".strip(), row["description"], row["source"]))
+    header = ("name", "value", "meaning", "source")
+    return ReportTable("Parameters", "SI units.", "cosim/model/params.py", header, rows)
 
 
 def write_report(results: Path, figures: Path, out: Path) -> Path:
-    """Write the page and what it needs.
-
-    Args:
-        results: folder of results.
-        figures: folder of figures.
-        out: folder to write to.
-
-    Returns:
-        The page.
+    """Write the page and what it needs from folders of results and figures, and return it.
 
     Raises:
         UserError: there is no results folder.
@@ -83,20 +201,20 @@ def write_report(results: Path, figures: Path, out: Path) -> Path:
     return out / PAGE
 
 
-def _pictures(figures: Path, out: Path) -> Iterator[Picture]:
+def _pictures(figures: Path, out: Path) -> Iterator[dict[str, Any]]:
     """Copy the figures that have been drawn next to the page, in the paper's order."""
     for name in FIGURES:
         try:
             caption = read_caption(figures, name)
         except FileError:
             continue
-        files = [f"figures/{name}{ending}" for ending in FORMATS]
+        files = [f"figures/{name}{ending}" for ending in FORMATS]  # relative to the page
         for file in files:
             with replacing(out / file) as temporary:
                 shutil.copyfile(figures / Path(file).name, temporary)
         number = name.removeprefix("fig")
         label = f"Fig. {int(number)}" if number.isdecimal() else name.replace("_", " ").capitalize()
-        yield Picture(label, caption, *files)
+        yield {"label": label, "caption": caption, "png": files[0], "pdf": files[1]}
 
 
 def not_drawn(figures: Path, results: Path, timings: TimingsFile | None) -> dict[str, list[str]]:

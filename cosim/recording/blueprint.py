@@ -9,9 +9,12 @@ from typing import Any
 import rerun as rr
 import rerun.blueprint as rrb
 
+from cosim.recording.series import SignalSpec, robot_names, signals_of
+
 _ALWAYS = rrb.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
 _WHOLE_TIME = rrb.TimeAxis(view_range=_ALWAYS)
 _UNTIL_CURSOR = rr.TimeRangeBoundary.cursor_relative(seconds=0.0)
+_Q = "rl/q_s"
 _TRAIL_S = 600.0  # shown of a trail, of which each row has a piece
 # A burst is short: show what lies around the time cursor.
 _AROUND_CURSOR = rrb.TimeAxis(
@@ -20,12 +23,6 @@ _AROUND_CURSOR = rrb.TimeAxis(
         end=rr.TimeRangeBoundary.cursor_relative(seconds=0.022),
     )
 )
-
-
-def robot_names(robots: int | Sequence[int]) -> list[str]:
-    """Names in entity paths of a number of robots, or of those with some indices: r1 and so on."""
-    indices = range(robots) if isinstance(robots, int) else robots
-    return [f"r{robot + 1}" for robot in indices]
 
 
 def episode_blueprint(
@@ -41,7 +38,6 @@ def episode_blueprint(
 
     Args:
         robots: number of robots, or indices of those with signals to show.
-        size_m: width and height of the board, for the eye.
         bursts: whether bursts at every tick are recorded.
         policies: whether the robots' policies are drawn on the floor; then the first tab has action
             values and rewards, else where robots are.
@@ -49,29 +45,37 @@ def episode_blueprint(
         camera: whether robots are seen by a camera.
     """
     names = robot_names(robots)
-    several = len(names) > 1 and distances
+    signals = signals_of(distances=len(names) > 1 and distances, camera=camera)
 
-    def plots(
-        title: str, *rows: tuple[str, *tuple[str, ...]], time: rrb.TimeAxis = _WHOLE_TIME
-    ) -> rrb.Grid:
-        views = [
+    def plots(title: str, *tabs: str, time: rrb.TimeAxis = _WHOLE_TIME) -> rrb.Grid:
+        views: list[tuple[str, list[SignalSpec]]] = []
+        for signal in signals:
+            if not set(signal.tabs) & {title, *tabs}:
+                continue
+            if signal.label:
+                views.append((signal.label, [signal]))
+            else:
+                views[-1][1].append(signal)
+        learning = title == "learning"
+        legend = " (legend: tab learning)"
+        grid = [
             rrb.TimeSeriesView(
                 origin="/",
-                contents=[path.format(r=name) for path in paths],
-                name=f"{label} · {name}",
+                contents=[signal.entity(name) for signal in drawn],
+                name=f"{label}{legend * (drawn[0].path == _Q and not learning)} · {name}",
                 axis_x=time,
                 # A robot's colour tells its signals, the label their order; a legend hides curves,
                 # and is shown where the eight directions have room for it, below their rise.
                 plot_legend=rrb.PlotLegend(
-                    corner=rrb.Corner2D.RightBottom,
-                    visible=title == "plots" and any(p.endswith("/q_s") for p in paths),
+                    corner=rrb.Corner2D.RightBottom, visible=learning and drawn[0].path == _Q
                 ),
             )
-            for label, *paths in rows
+            for label, drawn in views
             for name in names
         ]
-        shares = [2] + [1] * (len(rows) - 1) if title == "plots" else None
-        return rrb.Grid(*views, grid_columns=len(names), row_shares=shares, name=title)
+        shares = [2] + [1] * (len(views) - 1) if learning else None
+        name = "plots" if learning else title
+        return rrb.Grid(*grid, grid_columns=len(names), row_shares=shares, name=name)
 
     def states(title: str, *paths: str, also: tuple[str, ...] = ()) -> rrb.StateTimelineView:
         return rrb.StateTimelineView(
@@ -81,62 +85,11 @@ def episode_blueprint(
             time_view=_WHOLE_TIME,
         )
 
-    speeds = "speed of D (dark), E, set points (white), rad/s"
-    omega, set_point = "/sim/{r}/motors/omega", "/sim/{r}/motors/omega_des"
-    q_values = "/rl/{r}/q_s"
-    # The reward of the goal is hidden: a hundred times that of a step, it would flatten the rest.
-    rewards = "reward of a step: its time (dark), nearness; not the goal", "/rl/{r}/reward_parts"
-    valued = [
-        ("Q of the eight directions (legend: tab learning)", q_values),
-        rewards,
-        ("return", "/rl/{r}/return"),
-    ]
-    position = "position x (dark), y, m", "/sim/{r}/position"
-    apart = [("distance to the nearest robot, m", "/sim/{r}/distance_m")] * several
     tabs = [
-        plots(
-            "overview",
-            (speeds, omega, set_point),
-            ("voltage of D (dark), E, V", "/sim/{r}/motors/voltage"),
-            *(valued if policies else [position, *apart]),
-        ),
-        plots(
-            "motors",
-            (speeds, omega, set_point),
-            ("current of D (dark), E, A", "/sim/{r}/motors/current"),
-        ),
-        plots(
-            "motion",
-            position,
-            ("heading rad", "/sim/{r}/heading"),
-            ("velocity m/s", "/sim/{r}/velocity"),
-            ("heading error rad", "/sim/{r}/heading_error"),
-            *apart,
-        ),
-        *camera
-        * [
-            plots(
-                "camera",
-                ("estimated position m", "/sim/{r}/estimate/position"),
-                ("estimated heading rad", "/sim/{r}/estimate/heading"),
-                ("covariance of the estimate", "/sim/{r}/estimate/covariance"),
-            )
-        ],
-        plots(
-            "contact",
-            ("mean normal force N", "/sim/{r}/contact/normal_mean"),
-            ("mean friction force N", "/sim/{r}/contact/friction_mean"),
-            ("impulse of impacts N s", "/sim/{r}/contact/impact"),
-            ("share of time in which a foot slides", "/sim/{r}/contact/slipping_share"),
-            ("share of time with a foot in the air", "/sim/{r}/contact/lifted_share"),
-        ),
+        plots("overview", "values" if policies else "places"),
+        *(plots(title) for title in ("motors", "motion", *camera * ["camera"], "contact")),
         rrb.Vertical(
-            plots(
-                "plots",
-                ("Q of the eight directions", q_values),
-                ("visited cells", "/rl/{r}/visited"),
-                *([("distance to the nearest robot in cells", "/rl/{r}/distance")] * several),
-            ),
+            plots("learning"),
             states(
                 "greedy direction, distance and its change", "greedy", "distance_class", "gradient"
             ),
@@ -150,14 +103,7 @@ def episode_blueprint(
         ),
     ]
     if bursts:
-        raw = plots(
-            "bursts at every tick",
-            ("speed at every tick rad/s", "/raw/{r}/omega"),
-            ("normal force N", "/raw/{r}/normal"),
-            ("friction force N", "/raw/{r}/friction"),
-            time=_AROUND_CURSOR,
-        )
-        tabs.insert(3, raw)
+        tabs.insert(3, plots("bursts at every tick", time=_AROUND_CURSOR))
     if policies:
         floors = [_arena(f"policy · {name}", size_m, names, name) for name in names]
         tabs.insert(-1, rrb.Tabs(*floors, name="policies"))  # arrows need the room

@@ -1,10 +1,10 @@
 """One co-simulated episode as a Rerun recording: every signal of every RL step.
 
-What is recorded is `cosim.recording.series`, how often `cosim.recording.levels`, what moves in the
-3D view `cosim.recording.episode_scene`, the log as text `cosim.recording.episode_log`. A thread
-writes stretches of many RL steps while the simulation continues, one chunk per entity: few long
-chunks are written, stored and read several times faster than many short ones, and Rerun keeps an
-index of all of them in memory.
+What is recorded, and how often, is `cosim.recording.series`, what moves in the 3D view
+`cosim.recording.scene`, the log as text `cosim.recording.episode_log`. A thread writes stretches of
+many RL steps while the simulation continues, one chunk per entity: few long chunks are written,
+stored and read several times faster than many short ones, and Rerun keeps an index of all of them
+in memory.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,25 +24,27 @@ from cosim.model.scenario import Scenario
 from cosim.model.world import Drawn, Patch
 from cosim.onboard.features import DISTANCE_CLASSES, GRADIENT_SIGNS, Observation
 from cosim.onboard.steering import DIRECT, MODE_NAMES
-from cosim.recording.blueprint import episode_blueprint, robot_names
+from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page
-from cosim.recording.episode_scene import EpisodeScene
 from cosim.recording.file import Kept, Recording, scalars, simulated
-from cosim.recording.levels import DETAILS, Level, periods
-from cosim.recording.policy_map import PolicyMap
-from cosim.recording.scene import SWARM, WHITE, write_floor, write_scene
+from cosim.recording.scene import SWARM, RobotScene, write_floor, write_scene, write_styles
 from cosim.recording.series import (
     ARRIVED,
+    DETAILS,
     DIRECTION_NAMES,
     DRIVEN,
     OUTCOME,
     REWARD_PARTS,
     STILL_RUNNING,
+    WHITE,
+    Level,
+    PolicyMap,
     SignalSpec,
+    Stretch,
+    periods,
+    robot_names,
     signals_of,
-    write_styles,
 )
-from cosim.recording.stretch import Stretch
 
 _STRETCH_S = 20.0  # simulated time that is handed to the thread at once
 _STRETCH_ROBOT_S = 160.0  # of many robots less: a robot's samples of 20 s take 10 MB
@@ -72,11 +74,9 @@ class EpisodeRecorder:
 
     Args:
         path: of the recording, or what keeps it in memory.
-        scenario: board, targets, number of robots.
         config: parameters; its `burst_s` should be that of the level.
         recording_id: identity of the recording; equal runs use equal ones.
         facts: what identifies the run, as JSON can hold it, for properties and `/info/run`.
-        level: how much is recorded.
         viewer: address of a running viewer that gets the same data, if any.
         policies: what each robot's policy says of each cell, to be drawn on the floor.
         drawn: what the episode has drawn from its world, if that draws anything.
@@ -105,12 +105,11 @@ class EpisodeRecorder:
         self._all_sampled = count == scenario.robots
         self._scenario, self._config, self._detail = scenario, config, DETAILS[level]
         camera = config.world.camera.rate_hz > 0.0
-        loop = self._detail.loop_s is not None
         self._distances = count > 1 and self._all_sampled
-        self._signals = signals_of(self._distances, camera=camera, loop=loop)
+        self._signals = signals_of(distances=self._distances, camera=camera, full=self._detail.full)
         self._return = np.zeros(count)
         self._modes = np.full(count, -1.0)
-        self._valued: set[str] = set()  # entities of action values with a unit
+        self._valued = False  # whether the unit of action values is written
         self._visited: list[set[tuple[int, int]]] = [set() for _ in self._names]
         self._stretch: list[_Decided] = []
         self._stretch_s = 0.0
@@ -157,15 +156,14 @@ class EpisodeRecorder:
         file.properties("episode", facts | known)
         file.properties("parameters", self._config.table())
         robot, patches = self._config.robot, self._config.world.mu_patches
-        signals = tuple(self._signals)
-        file.send(_unchanging(scenario, robot, patches, signals, self._sampled))
+        file.send(_unchanging(scenario, robot, patches, tuple(self._signals), self._sampled))
         file.states(OUTCOME, simulated(np.zeros(1)), [STILL_RUNNING])
         self._write_label(0.0, STILL_RUNNING)
         for name, policy in zip(self._names, policies, strict=False):
             write_floor(file, name, scenario, policy)
         write_run_page(file, facts, self._config)
         self._scenes = [
-            EpisodeScene(file, name, robot, scenario.cell_m, self._config, self._detail)
+            RobotScene(file, name, robot, scenario.cell_m, self._config, self._detail)
             for robot, name in enumerate(self._names)
         ]
         file.flush()  # what is left of a killed process says at least what was run
@@ -205,7 +203,6 @@ class EpisodeRecorder:
         """Take one RL step.
 
         Args:
-            step: what the co-simulation returned.
             decision: of the policy at the start of the step, whether or not it was adopted; by
                 default the action in force, without values.
             reward_parts: (N, 3) reward of the step as the sum of
@@ -228,10 +225,6 @@ class EpisodeRecorder:
         if self._stretch_s > whole_s - _ROUNDING_S:
             self._hand_over()
 
-    def conclude(self, result: dict[str, Any]) -> None:
-        """Write how the episode ended, as a property."""
-        self.set_property("result", result)
-
     def _hand_over(self) -> None:
         """Have the stretch written once the one before it is: no more than two are in memory."""
         self._waiting.result()
@@ -250,10 +243,12 @@ class EpisodeRecorder:
         if whole or end_s < _SHORT_S:
             self._file.send_rows(_MANY_ROWS)  # Rerun encodes them while the rest is made
         self._write_bursts([step for step in steps if self._burst_is_due(step)])
-        for robot, (name, scene) in enumerate(zip(self._names, self._scenes, strict=True)):
-            scene.write(steps, sampled)
+        for robot, name in enumerate(self._names):
+            self._scenes[robot].write(steps, sampled)
+            self._write_modes(steps, name, robot)
             self._write_decisions(stretch, name, robot)
             self._write_rewards(stretch, name, robot)
+        self._valued = True
         if not self._all_sampled:
             self._write_swarm(steps)
         self._write_log(stretch)
@@ -268,6 +263,8 @@ class EpisodeRecorder:
         if not len(sampled.time_s):
             return
         for signal in self._signals:
+            if signal.of is None or signal.rate == "burst":
+                continue
             rate_s = getattr(self._detail, f"{signal.rate}_s")
             every = periods(rate_s, timing.control_period_s, timing.rl_step_s)
             values = sampled.rows(signal.of, every, signal.reduced)
@@ -275,7 +272,7 @@ class EpisodeRecorder:
                 continue
             times = simulated(sampled.time_s[sampled.ends(every)])
             for robot, name in enumerate(self._names):
-                self._file.columns(f"/sim/{name}/{signal.path}", times, scalars(values[:, robot]))
+                self._file.columns(signal.entity(name), times, scalars(values[:, robot]))
 
     def _write_swarm(self, steps: list[Step]) -> None:
         """Write the poses of all robots."""
@@ -306,10 +303,11 @@ class EpisodeRecorder:
             return
         ticks = [s.first_tick + np.arange(1, len(s.raw.omega) + 1) for s in steps]
         times = simulated(self._config.timing.dt_s * np.concatenate(ticks))
-        for path in self._detail.burst_signals:
-            for robot, name in enumerate(self._names):
-                rows = scalars(np.concatenate([getattr(s.raw, path)[:, robot] for s in steps]))
-                self._file.columns(f"/raw/{name}/{path}", times, rows)
+        for signal in self._signals:
+            if signal.rate == "burst" and signal.of is not None:
+                values = np.concatenate([signal.of(step.raw) for step in steps])
+                for robot, name in enumerate(self._names):
+                    self._file.columns(signal.entity(name), times, scalars(values[:, robot]))
 
     def _write_decisions(self, stretch: list[_Decided], name: str, robot: int) -> None:
         """Write what was seen and decided at the start of each RL step, and seen at the end."""
@@ -317,16 +315,13 @@ class EpisodeRecorder:
         ticks, numbers = [s.first_tick for s in steps], [s.number for s in steps]
         seen = [step.before for step in steps]
         times = simulated(self._config.timing.dt_s * np.array(ticks), numbers)
-        self._write_modes(steps, name, robot)
         actions = [_action_name(step, robot) for step in steps]
         self._file.states(f"/rl/{name}/action", times, actions)
         values = [d.values[robot] for d in decisions if d.values is not None]
         if len(values) == len(decisions):
-            entity = f"/rl/{name}/q_s"
-            if entity not in self._valued:
-                self._file.static(entity, rr.AnyValues(unit=decisions[0].unit))
-                self._valued.add(entity)
-            self._file.columns(entity, times, scalars(np.array(values)))
+            if not self._valued:
+                self._file.static(f"/rl/{name}/q_s", rr.AnyValues(unit=decisions[0].unit))
+            self._write_numbers(name, times, q_s=np.array(values))
             greedy = [DIRECTION_NAMES[int(d.action[robot])] for d in decisions]
             self._file.states(f"/rl/{name}/greedy", times, greedy)
         if steps[-1].outcome:
@@ -334,6 +329,10 @@ class EpisodeRecorder:
             end_s = np.append(self._config.timing.dt_s * np.array(ticks), self._end_s(steps[-1]))
             times = simulated(end_s, [*numbers, numbers[-1]])
         self._write_observations(name, robot, seen, times)
+
+    def _write_numbers(self, name: str, times: list[rr.TimeColumn], **signals: np.ndarray) -> None:
+        for path, values in signals.items():
+            self._file.columns(f"/rl/{name}/{path}", times, scalars(values))
 
     def _write_modes(self, steps: list[Step], name: str, robot: int) -> None:
         """Write the mode of the steering whenever it is another one."""
@@ -356,12 +355,11 @@ class EpisodeRecorder:
         for x, y in cells[:, robot].tolist():
             self._visited[robot].add((x, y))
             visited.append(len(self._visited[robot]))
-        series = {"cell": cells[:, robot], "visited": np.array(visited)}
+        self._write_numbers(name, times, cell=cells[:, robot], visited=np.array(visited))
         if self._distances:
             distances = np.linalg.norm(cells - cells[:, robot : robot + 1], axis=2)
-            series["distance"] = np.delete(distances, robot, axis=1).min(axis=1)
-        for path, values in series.items():
-            self._file.columns(f"/rl/{name}/{path}", times, scalars(values))
+            nearest = np.delete(distances, robot, axis=1).min(axis=1)
+            self._write_numbers(name, times, distance=nearest)
         signs = [GRADIENT_SIGNS[int(observation.gradient_sign[robot]) + 1] for observation in seen]
         self._file.states(f"/rl/{name}/gradient", times, signs)
         classes = [DISTANCE_CLASSES[observation.distance_class[robot]] for observation in seen]
@@ -375,10 +373,8 @@ class EpisodeRecorder:
         times = simulated(ends_s, [d.step.number for d in earned])
         parts = np.array([d.reward_parts[robot] for d in earned])
         reward = parts.sum(axis=1)
-        series = {"reward": reward, "reward_parts": parts}
-        series["return"] = self._return[robot] + reward.cumsum()
-        for path, values in series.items():
-            self._file.columns(f"/rl/{name}/{path}", times, scalars(values))
+        total = self._return[robot] + reward.cumsum()
+        self._write_numbers(name, times, reward=reward, reward_parts=parts, **{"return": total})
         self._return[robot] += reward.sum()
 
     def _write_log(self, stretch: list[_Decided]) -> None:

@@ -13,8 +13,7 @@ from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import COLLISION
 from cosim.model.scenario import Scenario, touches_obstacle
-from cosim.recording.blueprint import robot_names
-from cosim.recording.file import Sink, simulated
+from cosim.recording.file import Kept, simulated
 from cosim.recording.series import (
     DIRECTION_NAMES,
     ENDED,
@@ -25,6 +24,7 @@ from cosim.recording.series import (
     ON_OBSTACLE,
     ON_TARGET,
     OUTCOME,
+    robot_names,
 )
 
 # Vibrating robots part and meet many times a second; that is one contact.
@@ -34,16 +34,7 @@ REACH = 1.02
 
 
 class Line(NamedTuple):
-    """A line of the log, which may be the change of an entity's state.
-
-    Attributes:
-        time_s: simulated time.
-        rl_step: number of the RL step.
-        level: INFO, WARN or ERROR.
-        text: for people.
-        entity: path of what changes its state; empty if nothing does.
-        state: its new state.
-    """
+    """A line of the log, of level INFO, WARN or ERROR; of an entity, its new state."""
 
     time_s: float
     rl_step: int
@@ -54,12 +45,9 @@ class Line(NamedTuple):
 
 
 class EpisodeLog:
-    """Turns RL steps into lines; remembers what began in earlier steps.
+    """Turns RL steps of all robots, or of those with some indices, into lines.
 
-    Args:
-        scenario: targets.
-        config: clock and geometry.
-        sampled: indices of the robots that steps are of; by default all.
+    It remembers what began in earlier steps.
     """
 
     def __init__(
@@ -73,12 +61,7 @@ class EpisodeLog:
         self._touched_s: dict[tuple[int, int], float] = {}  # last time of pairs; of one, a wall
 
     def lines(self, step: Step, reward: np.ndarray) -> list[Line]:
-        """Lines of an RL step in the order of time.
-
-        Args:
-            step: what the co-simulation returned.
-            reward: (N,) of the step, NaN for robots at their targets and where it is unknown.
-        """
+        """Lines of an RL step in the order of time; `reward` (N,) is NaN where it is unknown."""
         timing = self._config.timing
         start_s = step.first_tick * timing.dt_s
         end_s = start_s + len(step.samples.omega) * timing.control_period_s
@@ -165,28 +148,22 @@ class EpisodeLog:
                 yield name, NOT_ARRIVED, f": target {100.0 * away_m:.1f} cm away"
 
 
-def write_lines(file: Sink, lines: list[Line]) -> None:
-    """Write lines to `/log`, and the states among them to their entities.
-
-    Args:
-        file: recording being written.
-        lines: in the order in which they were logged.
-    """
-    if lines:
-        rows = rr.TextLog.columns(
-            text=[line.text for line in lines], level=[line.level for line in lines]
-        )
-        file.columns("/log", _times(lines), rows)
-    for entity in {line.entity: None for line in lines if line.entity}:
-        changes = [line for line in lines if line.entity == entity]
-        file.states(entity, _times(changes), [line.state for line in changes])
+def write_lines(file: Kept, lines: list[Line]) -> None:
+    """Write lines to `/log`, and the states among them to their entities."""
+    by_entity = {"/log": lines} if lines else {}
+    for line in lines:
+        if line.entity:
+            by_entity.setdefault(line.entity, []).append(line)
+    for entity, told in by_entity.items():
+        times = simulated(np.array([line.time_s for line in told]), [line.rl_step for line in told])
+        if entity == "/log":
+            texts, levels = [line.text for line in told], [line.level for line in told]
+            file.columns(entity, times, rr.TextLog.columns(text=texts, level=levels))
+        else:
+            file.states(entity, times, [line.state for line in told])
 
 
-def _times(lines: list[Line]) -> list[rr.TimeColumn]:
-    return simulated(np.array([line.time_s for line in lines]), [line.rl_step for line in lines])
-
-
-def write_run_page(file: Sink, facts: dict[str, Any], config: CoSimConfig) -> None:
+def write_run_page(file: Kept, facts: dict[str, Any], config: CoSimConfig) -> None:
     """Write the page `/info/run`: what was run, with every parameter and its source."""
     lines = ["# Episode", "", "| | |", "|---|---|"]
     lines += [f"| {key} | {value} |" for key, value in facts.items()]

@@ -1,11 +1,10 @@
-"""Rerun files, complete or marked as incomplete: one `.rrd` from opening to renaming.
+"""A recording as Rerun's chunks: in memory, or one `.rrd` from opening to renaming.
 
-Data goes to `<name>.rrd.part` and gets its name when it is complete, and on request to a viewer at
-the same time. What is written of an entity at once becomes one chunk: the index of chunks, which
-Rerun keeps in memory for the end of the file, takes kilobytes for each. Rerun drops bad data and
-writes on a full disk without a word, so strict mode is on, free space is checked, every flush
-has a time limit and writes are ours (`cosim.recording.piped_file`). What is written is decided by
-the callers, how a viewer is found by `cosim.recording.live`.
+Rerun's file sink writes to `<name>.rrd.part`, which gets its name when it is complete, and its gRPC
+sink to a viewer at the same time. What is written of an entity at once becomes one chunk: the
+index of chunks, which Rerun keeps in memory for the end of the file, takes kilobytes for each.
+Rerun drops bad data without a word and waits for ever after a failed write, so strict mode is on,
+free space is checked and every flush has a time limit.
 """
 
 import atexit
@@ -15,9 +14,10 @@ import os
 import shutil
 import sys
 import weakref
-from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cached_property, partial
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -28,8 +28,7 @@ import rerun_bindings
 from rerun.chunk import Chunk
 
 from cosim.base.errors import USER_ERROR_STATUS, UserError
-from cosim.base.storage import temporary_folder
-from cosim.recording.piped_file import PipedFile
+from cosim.base.storage import lock_alone, temporary_folder
 
 APPLICATION = "minirobots"
 FLUSH_TIMEOUT_S = 30.0
@@ -38,26 +37,42 @@ LEAST_FREE_BYTES = 50_000_000
 _END, _END_BYTES = b"RRF2FOOT", 12  # of a whole file
 
 
-class Sink:
-    """Makes chunks of what a recording is to hold; `send` takes them."""
+class Kept:
+    """A recording in memory.
 
-    def __init__(self) -> None:
+    Attributes:
+        recording_id: its identity.
+        blueprint: what the viewer shows when it is opened.
+        chunks: that were sent so far.
+    """
+
+    def __init__(self, recording_id: str = "", blueprint: rrb.Blueprint | None = None) -> None:
         rr.set_strict_mode(True)
+        self.recording_id, self.blueprint = recording_id, blueprint
+        self.chunks: list[Chunk] = []
         self._gathered: dict[str, list[Chunk]] = {}  # of each entity, to be one
 
     def send(self, chunks: Iterable[Chunk]) -> None:
         """Take chunks."""
-        raise NotImplementedError
+        self.chunks += chunks
 
     def static(self, entity: str, *what: rr.AsComponents) -> None:
         """Take data that holds for the whole recording."""
-        batches = [batch for part in what for batch in part.as_component_batches()]
-        columns = [batch.partition([len(batch.as_arrow_array())]) for batch in batches]
-        self.send([Chunk.from_columns(entity, [], columns)])
+        self.send([_chunk_of_one_row(entity, [], what)])
+
+    def row(self, entity: str, *what: rr.AsComponents, times: Iterable[rr.TimeColumn]) -> None:
+        """Take one row of an entity, as `columns` takes many."""
+        self._gathered.setdefault(entity, []).append(_chunk_of_one_row(entity, times, what))
 
     def properties(self, name: str, values: Mapping[str, Any]) -> None:
-        """Take a property of the recording."""
-        self.send([Chunk.from_property(name, properties(values))])
+        """Take a property of the recording: numbers and strings as they are, the rest as JSON."""
+        plain: dict[str, Any] = {
+            key: value
+            if isinstance(value, int | float | str)
+            else json.dumps(value, ensure_ascii=False)
+            for key, value in values.items()
+        }
+        self.send([Chunk.from_property(name, rr.AnyValues(**plain))])
 
     def columns(
         self,
@@ -80,36 +95,16 @@ class Sink:
                 rows = pa.concat_batches([chunk.to_record_batch() for chunk in chunks])
                 self.send(Chunk.from_record_batch(rows, entity_path=entity))
 
+    def check_space(self) -> None:
+        """Raise UserError if there will soon be no room for more."""
+
     def flush(self) -> None:
         """Write out the data so far."""
         self.send_rows()
 
-    def check_space(self) -> None:
-        """Raise UserError if there will soon be no room for more."""
-
     def close(self) -> None:
         """Complete the recording."""
-        self.flush()
-
-
-class Kept(Sink):
-    """A recording in memory.
-
-    Attributes:
-        recording_id: identity of the recording.
-        blueprint: what the viewer shows when it is opened.
-        chunks: that were sent so far.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.recording_id = ""
-        self.blueprint: rrb.Blueprint | None = None
-        self.chunks: list[Chunk] = []
-
-    def send(self, chunks: Iterable[Chunk]) -> None:
-        """See `Sink.send`."""
-        self.chunks += chunks
+        self.send_rows()
 
     def write(self, path: Path) -> None:
         """Write a file.
@@ -123,26 +118,25 @@ class Kept(Sink):
     @cached_property
     def path(self) -> Path:
         """A file with it, written now, in a temporary folder that lives as long as this object."""
-        path = self._new_file()
+        folder = temporary_folder()
+        weakref.finalize(self, folder.cleanup)
+        path = Path(folder.name) / "episode.rrd"
         self.write(path)
         return path
 
-    def __getstate__(self) -> bytes:
-        return self.path.read_bytes()
+    def __getstate__(self) -> tuple[str, rrb.Blueprint | None, list[tuple[bool, pa.RecordBatch]]]:
+        batches = [(chunk.is_static, chunk.to_record_batch()) for chunk in self.chunks]
+        return self.recording_id, self.blueprint, batches
 
-    def __setstate__(self, content: bytes) -> None:
-        self.chunks = []
-        self.path = self._new_file()
-        self.path.write_bytes(content)
-
-    def _new_file(self) -> Path:
-        folder = temporary_folder()
-        weakref.finalize(self, folder.cleanup)
-        return Path(folder.name) / "episode.rrd"
+    def __setstate__(self, state: tuple[str, Any, list[tuple[bool, pa.RecordBatch]]]) -> None:
+        recording_id, blueprint, batches = state
+        Kept.__init__(self, recording_id, blueprint)
+        for static, batch in batches:
+            self.send(Chunk.from_record_batch(batch, **{"index": None} if static else {}))
 
 
-class Recording(Sink):
-    """A recording being written; a context manager that completes it, also after an error.
+class Recording(Kept):
+    """A recording that is written to a file; a context manager that completes it, also on errors.
 
     Args:
         path: of the complete file.
@@ -150,12 +144,9 @@ class Recording(Sink):
         blueprint: what the viewer shows when the file is opened.
         viewer: address of a running viewer that gets the same data, if any.
 
-    Attributes:
-        path: of the complete file.
-        stream: Rerun's recording stream.
-
     Raises:
         UserError: the folder cannot be written, or the disk is full.
+        FileError: another process writes to the file.
     """
 
     def __init__(
@@ -165,29 +156,22 @@ class Recording(Sink):
         blueprint: rrb.Blueprint | None,
         viewer: str | None = None,
     ) -> None:
-        super().__init__()
-        self.path = path
-        self._part = path.with_name(path.name + ".part")
-        self._open = True
-        self._viewer, self._lost = viewer, False
+        super().__init__(recording_id, blueprint)
+        self._path, self._part = path, path.with_name(path.name + ".part")
+        self._viewer, self._viewer_lost = viewer, False
         path.parent.mkdir(parents=True, exist_ok=True)
         self.check_space()
-        self.stream = rr.RecordingStream(
+        self._lock = self._part.open("ab")
+        try:
+            lock_alone(self._lock, self._part)
+        except UserError:
+            self._lock.close()
+            raise
+        self._stream: rr.RecordingStream | None = rr.RecordingStream(
             APPLICATION, recording_id=recording_id, send_properties=False
         )
-        self._file = PipedFile(self._part)
-        sinks = [rr.FileSink(self._file.address)] + ([rr.GrpcSink(viewer)] if viewer else [])
-        try:
-            self.stream.set_sinks(*sinks, default_blueprint=blueprint)
-        except Exception as error:  # rerun raises RuntimeError whatever the cause
-            self._part.unlink()
-            raise UserError(
-                f"cannot write the recording {path}: {error}; choose another --out"
-            ) from error
-        finally:
-            self._file.opened()
-        self.stream.set_log_time_enabled(False)  # equal runs give equal files
-        self.stream.set_log_tick_enabled(False)
+        sinks = [rr.FileSink(self._part), *([rr.GrpcSink(viewer)] if viewer else [])]
+        self._in_time(partial(self._stream.set_sinks, *sinks, default_blueprint=blueprint))
 
     def __enter__(self) -> "Recording":
         return self
@@ -197,15 +181,21 @@ class Recording(Sink):
 
     def check_space(self) -> None:
         """Raise UserError while the file can still be completed, if the disk fills up."""
-        if shutil.disk_usage(self.path.parent).free < LEAST_FREE_BYTES:
+        if shutil.disk_usage(self._path.parent).free < LEAST_FREE_BYTES:
             raise UserError(
                 f"less than {LEAST_FREE_BYTES / 1e6:.0f} MB are free for the recording "
-                f"{self.path}; free some space or choose another --out"
+                f"{self._path}; free some space or choose another --out"
             )
 
     def send(self, chunks: Iterable[Chunk]) -> None:
-        """Write chunks."""
-        self.stream.send_chunks(chunks)
+        """Write chunks.
+
+        Raises:
+            UserError: they are not accepted in time, because earlier ones did not reach the
+                disk or the viewer.
+        """
+        if self._stream is not None:
+            self._in_time(partial(self._stream.send_chunks, chunks))
 
     def flush(self) -> None:
         """Write out the data so far.
@@ -215,38 +205,48 @@ class Recording(Sink):
         """
         super().flush()
         self._write_through()
-        try:
-            self._file.settle()
-        except OSError as error:
-            raise self._incomplete(error) from error
-        _give_back_memory()
+        # Return to the system what allocators keep of written chunks, ever more of it.
+        pa.default_memory_pool().release_unused()
+        if sys.platform == "linux":
+            getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # only glibc has it
 
     def _write_through(self) -> None:
-        try:
-            self.stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
-        except Exception as error:
-            if self._viewer and "gRPC" in str(error):
-                self._lose_viewer()
-                return
-            self._open = False
-            atexit.register(_leave, self.stream)  # disconnecting it might never return
-            if self._viewer:
-                raise UserError(
-                    f"the viewer at {self._viewer} does not accept recorded data ({error}); start "
-                    f"it again or leave it out; {self._part} can be read so far"
-                ) from error
-            raise self._incomplete(error) from error
+        if self._stream is not None:
+            self._in_time(partial(self._stream.flush, timeout_sec=FLUSH_TIMEOUT_S))
 
-    def _lose_viewer(self) -> None:
-        """Report once that the viewer is gone; later data still goes to the file."""
-        if not self._lost:
-            print(
-                f"the viewer at {self._viewer} is gone; {self.path} is written on", file=sys.stderr
+    def _in_time(self, work: Callable[[], None]) -> None:
+        """Have Rerun do something that never ends if its writer has ended."""
+        errors: list[Exception] = []
+
+        def attempt() -> None:
+            try:
+                work()
+            except Exception as error:  # rerun raises RuntimeError whatever the cause
+                errors.append(error)
+
+        thread = Thread(target=attempt, daemon=True)
+        thread.start()
+        thread.join(FLUSH_TIMEOUT_S + 1.0)
+        if thread.is_alive():
+            errors.append(TimeoutError(f"it takes longer than {FLUSH_TIMEOUT_S:g} s"))
+        if not errors:
+            return
+        if self._viewer and "gRPC" in str(errors[0]):
+            if not self._viewer_lost:
+                text = f"the viewer at {self._viewer} is gone; {self._path} is written on"
+                print(text, file=sys.stderr)
+            self._viewer_lost = True
+            return
+        atexit.register(_leave, self._stream)
+        self._stream = None
+        if self._viewer:
+            raise UserError(
+                f"the viewer at {self._viewer} does not accept recorded data ({errors[0]}); start "
+                f"it again or leave it out; {self._part} can be read so far"
             )
-        self._lost = True
+        raise self._incomplete(str(errors[0]))
 
-    def _incomplete(self, error: Exception) -> UserError:
-        why = error.strerror if isinstance(error, OSError) else error
+    def _incomplete(self, why: str) -> UserError:
         return UserError(
             f"the recording {self._part} could not be written out ({why}); free some disk space; "
             "it and other .part files next to it can be read"
@@ -258,38 +258,34 @@ class Recording(Sink):
         Raises:
             UserError: it is not whole; what there is of it keeps its provisional name.
         """
-        if not self._open:
+        if self._stream is None:
             return
         self.send_rows()
         self._write_through()
-        self._open = False
-        self.stream.disconnect()
-        del self.stream
+        self._stream.disconnect()
+        self._stream = None
         # Rerun keeps a recording's threads until it looks for recordings that nothing refers to.
         rerun_bindings.flush_and_cleanup_orphaned_recordings()
-        try:
-            self._file.close(FLUSH_TIMEOUT_S)
-            with self._part.open("rb") as file:  # the end says where everything is
-                file.seek(-_END_BYTES, os.SEEK_END)
-                if not file.read().startswith(_END):
-                    raise OSError("its end is missing")
-        except OSError as error:
-            raise self._incomplete(error) from error
-        self._part.replace(self.path)
+        with self._lock, self._part.open("rb") as file:
+            file.seek(-min(_END_BYTES, self._part.stat().st_size), os.SEEK_END)
+            if not file.read().startswith(_END):  # which says where everything is
+                raise self._incomplete("its end is missing")
+        self._part.replace(self._path)
 
 
-def _give_back_memory() -> None:
-    """Return to the system what allocators keep of chunks that are written, ever more of it."""
-    pa.default_memory_pool().release_unused()
-    if sys.platform == "linux":
-        getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # only glibc has it
-
-
-def _leave(_: rr.RecordingStream) -> None:
-    """End the process before Rerun's own exit handler disconnects the stream."""
+def _leave(_: rr.RecordingStream | None) -> None:
+    """End the process before Rerun disconnects the stream, which might never return."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(USER_ERROR_STATUS)
+
+
+def _chunk_of_one_row(
+    entity: str, times: Iterable[rr.TimeColumn], what: Iterable[rr.AsComponents]
+) -> Chunk:
+    batches = [batch for part in what for batch in part.as_component_batches()]
+    columns = [batch.partition([len(batch.as_arrow_array())]) for batch in batches]
+    return Chunk.from_columns(entity, times, columns)
 
 
 def simulated(time_s: np.ndarray, rl_step: Sequence[int] | None = None) -> list[rr.TimeColumn]:
@@ -305,14 +301,3 @@ def scalars(values: np.ndarray) -> Iterable[rr.ComponentColumn]:
     """Rows of a scalar (n,) or vector (n, k) signal."""
     rows = rr.Scalars.columns(scalars=np.asarray(values, dtype=np.float64).reshape(-1))
     return rows if values.ndim == 1 else rows.partition(np.full(len(values), values.shape[1]))
-
-
-def properties(values: Mapping[str, Any]) -> rr.AnyValues:
-    """Values for a recording's properties: numbers and strings as they are, the rest as JSON."""
-    known: dict[str, Any] = {
-        key: value
-        if isinstance(value, int | float | str)
-        else json.dumps(value, ensure_ascii=False)
-        for key, value in values.items()
-    }
-    return rr.AnyValues(**known)

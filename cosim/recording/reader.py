@@ -1,14 +1,19 @@
-"""A recorded episode as named numpy arrays with units: what the entities of a recording mean.
+"""A Rerun file of any content as numpy arrays with units, and what they mean of an episode.
 
-The file itself is read by `cosim.recording.rrd`: every signal of it is there, also what is not
-known here.
+Reads whole files, files without a footer (their writer was killed) and files cut in the middle.
+Every signal of a file is there, also what is not in `cosim.recording.series`.
 """
 
+import contextlib
 import difflib
 import json
 import re
 import shutil
-from collections.abc import Iterator, Mapping
+import subprocess
+import sys
+import warnings
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -16,20 +21,201 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
+import pyarrow as pa
+from rerun.chunk import Chunk, RrdReader
 
 from cosim.base.errors import FileError
 from cosim.base.reading import Kind, parsing, require_file
-from cosim.base.storage import replacing, require_suffix
+from cosim.base.storage import replacing, require_suffix, temporary_folder
 from cosim.model.scenario import Scenario
 from cosim.recording.file import Kept
-from cosim.recording.rrd import Signal, Texts, read_chunks, read_rrd
 from cosim.recording.series import ENDED, GIVEN_UP, OUTCOME, STILL_RUNNING
 
+TIMELINE = "sim_time"
+# Columns read as arrays: what is added to the entity's path to name the signal, and its unit; a
+# recorder says the unit of scalars.
+_NUMBERS = {
+    "Scalars:scalars": ("", ""),
+    "Transform3D:translation": (":translation", "m"),
+    "Transform3D:quaternion": (":quaternion", "1"),
+}
+_TEXTS = ("StateChange:state", "TextLog:text")
+_PROPERTIES = "/__properties/"
 _ROBOT = re.compile(r"^/(sim|raw|rl)/([^/]+)/")
 # What a signal's name may leave out, in the order of being tried.
 PREFIXES = ("", "/", "/sim/", "/rl/", "/raw/", "/world/")
-_NOTHING = Texts(np.zeros(0), ())
+
+
 EPISODE = Kind("recording of an episode", "record it again")
+
+
+class Signal(NamedTuple):
+    """A signal over simulated time, in order of time.
+
+    Attributes:
+        time_s: (n,) float64.
+        values: (n,) or, for several components, (n, k) float64.
+        components: names of the k components, as far as the recording names them.
+        unit: of the values; empty if the recording does not say it.
+    """
+
+    time_s: np.ndarray
+    values: np.ndarray
+    components: tuple[str, ...]
+    unit: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all components: those of the recording, or their numbers."""
+        count = 1 if self.values.ndim == 1 else self.values.shape[1]
+        return self.components if len(self.components) == count else tuple(map(str, range(count)))
+
+
+class Texts(NamedTuple):
+    """States or log lines over simulated time: (n,) times in order, and n texts."""
+
+    time_s: np.ndarray
+    texts: tuple[str, ...]
+
+
+_NOTHING = Texts(np.zeros(0), ())
+
+
+@dataclass(frozen=True)
+class RecordingData:
+    """Contents of a recording.
+
+    Attributes:
+        path: of the file, None in memory.
+        recording_id: its identity; equal runs have equal ones.
+        complete: whether its writer completed it.
+        signals: by entity path, such as "/sim/r1/motors/omega"; a pose is two signals,
+            "<path>:translation" in m and "<path>:quaternion" (x, y, z, w).
+        texts: states and logs by entity path.
+        properties: by their name, such as "episode", then by key.
+    """
+
+    path: Path | None
+    recording_id: str
+    complete: bool
+    signals: dict[str, Signal]
+    texts: dict[str, Texts]
+    properties: dict[str, dict[str, Any]]
+
+
+def read_rrd(path: Path) -> RecordingData:
+    """Read a recording on the timeline `sim_time`.
+
+    Args:
+        path: an .rrd file, or the .rrd.part that a killed writer left.
+
+    Raises:
+        FileError: there is no such file, or it is no recording.
+    """
+    part = path.parent / f"{path.name}.part"
+    left = not path.exists() and part.is_file()
+    fix = f"its writer left {part}, read that" if left else "name an .rrd file"
+    require_file(path, Kind("recording", fix))
+    try:
+        return _read_whole(path)
+    except (RuntimeError, ValueError) as error:
+        broken = error
+    with temporary_folder() as folder:
+        repaired = Path(folder) / "repaired.rrd"
+        # Only the command line skips a frame that was cut off.
+        command = [sys.executable, "-m", "rerun", "rrd", "optimize", str(path), "-o", str(repaired)]
+        run = subprocess.run(command, capture_output=True, check=False)
+        if run.returncode == 0 and repaired.is_file():
+            try:
+                return _read_whole(repaired, path)
+            except (RuntimeError, ValueError) as error:
+                broken = error
+    raise FileError(
+        f"{path} is not a readable Rerun recording ({broken}); record one with `minirobots run`"
+    )
+
+
+def _read_whole(file: Path, original: Path | None = None) -> RecordingData:
+    path = original or file
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # rerun warns of a missing footer; `complete` says it
+        reader = RrdReader(str(file))
+        entries = reader.recordings()
+        if not entries:
+            raise ValueError("it holds no recording")
+        if len(entries) > 1:
+            raise FileError(f"{path} holds {len(entries)} recordings; name a file with one")
+        try:
+            reader.store()
+            complete = original is None
+        except (RuntimeError, ValueError):  # it has no footer
+            complete = False
+        chunks = reader.stream().to_chunks()
+    return read_chunks(chunks, entries[0].recording_id, path, complete)
+
+
+def read_chunks(
+    chunks: Iterable[Chunk], recording_id: str, path: Path | None = None, complete: bool = True
+) -> RecordingData:
+    """Read all chunks of a recording, as `read_rrd` does those of a file.
+
+    Raises:
+        FileError: a signal changes its number of components.
+    """
+    moving: dict[tuple[str, str], list[pa.RecordBatch]] = defaultdict(list)
+    fixed: dict[str, dict[str, list[Any]]] = defaultdict(dict)
+    for chunk in chunks:
+        batch = chunk.to_record_batch()
+        if chunk.is_static:
+            values = {name: batch.column(name)[0].as_py() for name in batch.schema.names}
+            fixed[chunk.entity_path] |= {name: row for name, row in values.items() if row}
+        elif TIMELINE in batch.schema.names:
+            for column in {*_NUMBERS, *_TEXTS} & {*batch.schema.names}:
+                moving[chunk.entity_path, column].append(batch)
+    signals, texts = {}, {}
+    for (entity, column), batches in sorted(moving.items()):
+        time_s, rows = _in_order(batches, column)
+        if column in _TEXTS:
+            texts[entity] = Texts(time_s, tuple(row[0] for row in rows.to_pylist()))
+        else:
+            (ending, unit), style = _NUMBERS[column], fixed[entity]
+            values = _values(entity + ending, rows)
+            components = tuple(style.get("SeriesLines:names", ()))
+            unit = unit or str(*style.get("unit", ()))
+            signals[entity + ending] = Signal(time_s, values, components, unit)
+    properties = {
+        entity.removeprefix(_PROPERTIES): {
+            name: row[0] for name, row in values.items() if not name.startswith("rerun.controls")
+        }
+        for entity, values in fixed.items()
+        if entity.startswith(_PROPERTIES)
+    }
+    return RecordingData(path, recording_id, complete, signals, texts, properties)
+
+
+def _in_order(batches: Iterable[pa.RecordBatch], column: str) -> tuple[np.ndarray, pa.Array]:
+    """Times in s and the column's non-empty rows in order of time."""
+    table = pa.Table.from_batches([batch.select([TIMELINE, column]) for batch in batches])
+    rows = table.column(column).combine_chunks()
+    lengths = rows.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
+    time_s = table.column(TIMELINE).to_numpy() / np.timedelta64(1, "s")
+    kept = np.flatnonzero((lengths > 0) & np.isfinite(time_s))
+    order = kept[np.argsort(time_s[kept], kind="stable")]
+    return time_s[order], rows.take(pa.array(order))
+
+
+def _values(name: str, rows: pa.Array) -> np.ndarray:
+    """Numbers of a signal: (n,), or (n, k) of k components."""
+    flat = rows.flatten()
+    if pa.types.is_fixed_size_list(flat.type):
+        flat = flat.flatten()
+    values = flat.to_numpy(zero_copy_only=False).astype(np.float64)
+    if not len(rows):
+        return np.zeros(0)
+    if values.size % len(rows):
+        raise FileError(f"signal {name} changes its number of components; record it again")
+    values = values.reshape(len(rows), -1)
+    return values[:, 0] if values.shape[1] == 1 else values
 
 
 class Parameter(NamedTuple):
@@ -94,7 +280,8 @@ class Signals(Mapping[str, Signal]):
         for prefix in PREFIXES:
             if prefix + name in self._signals:
                 return self._signals[prefix + name]
-        near = difflib.get_close_matches(name, [*self._signals, *map(_short, self._signals)], n=3)
+        short = [path.split("/", 2)[-1] for path in self._signals]
+        near = difflib.get_close_matches(name, [*self._signals, *short], n=3)
         fix = (
             f"like it are {', '.join(near)}"
             if near
@@ -107,11 +294,6 @@ class Signals(Mapping[str, Signal]):
 
     def __len__(self) -> int:
         return len(self._signals)
-
-
-def _short(path: str) -> str:
-    """An entity path without its first part."""
-    return path.split("/", 2)[-1]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -152,7 +334,7 @@ class Episode:
     signals: Signals
     texts: Mapping[str, Texts]
     moves: Mapping[str, tuple[DrivenMove, ...]]
-    scenario: Scenario | None
+    scenario: Scenario | None = None
 
     @property
     def path(self) -> Path:
@@ -191,12 +373,12 @@ class Episode:
         path = require_suffix(path, ".rrd")
         if path.exists():
             raise FileError(f"{path}: it exists; move it away or choose another name")
-        if isinstance(self.recording, Kept) and self.recording.chunks:  # not unpickled
+        if isinstance(self.recording, Kept):
             self.recording.write(path)
             return
-        require_file(self.path, EPISODE)
+        require_file(self.recording, EPISODE)
         with replacing(path) as temporary:
-            shutil.copyfile(self.path, temporary)
+            shutil.copyfile(self.recording, temporary)
 
 
 def read_episode(recording: Path | Kept) -> Episode:
@@ -230,6 +412,11 @@ def read_episode(recording: Path | Kept) -> Episode:
             f"{path} holds {len(outcomes)} episodes merged into one; name a file with one"
         )
     time_s = max(end_s for _, end_s in ends)
+    facts = dict(data.properties["episode"])
+    for key, value in facts.items():
+        if isinstance(value, str) and value[:1] in {"[", "{"}:  # start cells, versions
+            with contextlib.suppress(ValueError):
+                facts[key] = json.loads(value)
     with parsing(path, EPISODE):
         parameters = {
             name: Parameter(**json.loads(text))
@@ -244,23 +431,13 @@ def read_episode(recording: Path | Kept) -> Episode:
         outcome="".join(outcomes),
         time_s=time_s,
         robots=tuple(robots),
-        facts={key: _fact(value) for key, value in data.properties["episode"].items()},
+        facts=facts,
         parameters=parameters,
         signals=Signals(str(path), data.signals),
         texts=data.texts,
         moves={r: _moves(data.texts.get(f"/rl/{r}/move", _NOTHING), time_s) for r in robots},
         scenario=scenario,
     )
-
-
-def _fact(value: Any) -> Any:
-    """Return the value of a property: start cells and versions are JSON, see `properties`."""
-    if isinstance(value, str) and value[:1] in {"[", "{"}:
-        try:
-            return json.loads(value)
-        except ValueError:
-            return value
-    return value
 
 
 def _moves(states: Texts, end_s: float) -> tuple[DrivenMove, ...]:

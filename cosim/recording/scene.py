@@ -1,4 +1,4 @@
-"""Static parts of an episode's recording: arena, robots, policies, and the colours.
+"""The 3D view of an episode and the styles of its signals: board, robots, policies, tracks, plans.
 
 How the maps of a policy come out of a robot's table is the agent's; here they are tiles and arrows.
 """
@@ -10,33 +10,53 @@ import numpy as np
 import rerun as rr
 from matplotlib import colormaps
 
+from cosim.coupling.rl_step import Step
+from cosim.model.config import CoSimConfig
 from cosim.model.params import RobotParams
 from cosim.model.scenario import Scenario
 from cosim.model.world import Patch
-from cosim.onboard.features import DIRECTIONS
+from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
 from cosim.physics.contact import foot_positions
-from cosim.recording.blueprint import robot_names
-from cosim.recording.file import Sink
-from cosim.recording.policy_map import PolicyMap
+from cosim.physics.forces import motor_mounts
+from cosim.recording.file import Kept, simulated
+from cosim.recording.series import (
+    EIGHT,
+    GREY,
+    INK,
+    LIGHT,
+    OUTCOME,
+    OUTCOMES,
+    REWARD_PARTS,
+    STATES,
+    WHITE,
+    Detail,
+    PolicyMap,
+    SignalSpec,
+    Stretch,
+    periods,
+    robot_names,
+)
 
 # Okabe–Ito, safe for colour-blind readers; one per robot.
 ROBOT_COLOURS = np.array(
     [0x0072B2FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF, 0xE69F00FF, 0x56B4E9FF], dtype=np.uint32
 )
-GREY, LIGHT, INK, WHITE = 0x888888FF, 0x88888840, 0x222222FF, 0xFFFFFFFF
 ICE, ROUGH = 0x7FAAC4FF, 0xA08060FF  # floor with less and more friction than the rest
-SERIES = [0x0072B2FF, 0xE69F00FF, 0x009E73FF]  # of states and curves that belong to no robot
-EIGHT = [
-    *(0x0072B2FF, 0x56B4E9FF, 0x009E73FF, 0xF0E442FF),
-    *(0xE69F00FF, 0xD55E00FF, 0xCC79A7FF, 0x888888FF),
-]
-
 SWARM = "/world/swarm"  # entity of all robots where not all are sampled
 _WALL_HEIGHT_M = 0.015  # a third of a robot, which is seen behind it
 _PATCH_HEIGHT_M = -0.0008  # under the policy's tiles
 _TILE_HEIGHT_M = -0.0004  # under the lines between cells, above nothing
 _ARROW_HEIGHT_M = 0.0008
 _ARROW_CELLS = 0.8
+_TRAIL_PERIOD_S = 0.5  # between the points of a trail
+_TRAIL_PIECE_S = 2.0  # of a trail in a row; the view shows those of late, see the blueprint
+# The weight on a foot makes an arrow of 1 cm; a foot that lands would leave the picture.
+_METRES_PER_NEWTON = 0.03
+_LONGEST_ARROW_M = 0.09
+_TRAIL_HEIGHT_M = 0.0005
+_VISITED_HEIGHT_M = 0.0001
+_PLAN_DIAMETERS = 0.8  # length of the planned direction's arrow
+_PLAN_CLEARANCE_M = 0.003
 _LUMA = np.array([0.299, 0.587, 0.114])  # of red, green and blue, ITU-R BT.601
 
 
@@ -46,7 +66,7 @@ def palette(colours: list[int]) -> np.ndarray:
 
 
 def write_scene(
-    file: Sink,
+    file: Kept,
     scenario: Scenario,
     robot: RobotParams,
     patches: Sequence[Patch],
@@ -54,12 +74,7 @@ def write_scene(
 ) -> None:
     """Log everything that does not move: board, zone, targets, and robots in their own frames.
 
-    Args:
-        file: recording being written.
-        scenario: board and targets.
-        robot: geometry of every robot.
-        patches: of the floor, with a friction of their own.
-        sampled: indices of the robots with recorded signals; the others are drawn as bodies.
+    `sampled` has the indices of the robots with recorded signals; the others are drawn as bodies.
     """
     width, height = scenario.size_m
     cell = scenario.cell_m
@@ -103,7 +118,7 @@ def write_scene(
 
 
 def _write_boxes(
-    file: Sink, name: str, centres: Any, half_sizes: Any, colours: Any, **labels: Any
+    file: Kept, name: str, centres: Any, half_sizes: Any, colours: Any, **labels: Any
 ) -> None:
     boxes = rr.Boxes3D(
         centers=centres, half_sizes=half_sizes, colors=colours, fill_mode="solid", **labels
@@ -124,12 +139,7 @@ def _disc(robot: RobotParams) -> rr.Mesh3D:
 
 
 def shades(colour: int, count: int) -> np.ndarray:
-    """Return a robot's colour and lighter ones, for the components of its signals.
-
-    Args:
-        colour: 0xRRGGBBAA.
-        count: how many, at most four.
-    """
+    """Return a robot's colour 0xRRGGBBAA and lighter ones for at most four components."""
     rgb = np.array([colour >> shift & 0xFF for shift in (24, 16, 8)])
     mixed = [np.round(rgb + share * (255 - rgb)).astype(int) for share in (0.0, 0.6, 0.35, 0.8)]
     return palette([(r << 24) + (g << 16) + (b << 8) + 0xFF for r, g, b in mixed[:count]])
@@ -145,15 +155,7 @@ def faint(colour: int) -> int:
     return (colour & 0xFFFFFF00) | 0x40
 
 
-def shaft_end_m(robot: RobotParams, side: float) -> float:
-    """Return the position in m on the body's y axis at which a motor's mass is drawn.
-
-    At the outer end of the motor, where it can be seen; the forces act at the motor's middle.
-    """
-    return side * (robot.motor_radius_m + robot.motor_length_m / 2.0)
-
-
-def _write_robot(file: Sink, name: str, colour: int, robot: RobotParams) -> None:
+def _write_robot(file: Kept, name: str, colour: int, robot: RobotParams) -> None:
     base = f"/world/{name}/robot"
     middle = robot.height_m / 2.0 - robot.com_height_m
     file.static(
@@ -217,15 +219,8 @@ def unit_arrows(action: np.ndarray) -> np.ndarray:
     return steps / np.linalg.norm(steps, axis=-1, keepdims=True)
 
 
-def write_floor(file: Sink, name: str, scenario: Scenario, policy: PolicyMap) -> None:
-    """Log a robot's policy at `/world/<name>/policy`: a tile and an arrow per cell it visited.
-
-    Args:
-        file: recording being written.
-        name: of the robot.
-        scenario: the board.
-        policy: maps of the board's cells.
-    """
+def write_floor(file: Kept, name: str, scenario: Scenario, policy: PolicyMap) -> None:
+    """Log a robot's policy at `/world/<name>/policy`: a tile and an arrow per cell it visited."""
     known = policy.visits > 0
     cells = np.argwhere(known)
     corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -251,3 +246,135 @@ def write_floor(file: Sink, name: str, scenario: Scenario, policy: PolicyMap) ->
             radii=0.0008,
         ),
     )
+
+
+class RobotScene:
+    """Writes the moving parts of one robot; remembers where it was."""
+
+    def __init__(
+        self, file: Kept, name: str, robot: int, cell_m: float, config: CoSimConfig, detail: Detail
+    ) -> None:
+        self._file, self._path, self._robot = file, f"/world/{name}", robot
+        self._cell_m, self._config, self._detail = cell_m, config, detail
+        timing = config.timing
+        self._pose_periods = periods(detail.pose_s, timing.control_period_s, timing.rl_step_s)
+        self._last = np.zeros((0, 3))  # point of the trail
+        self._visited: set[tuple[int, int]] = set()
+
+    def write(self, steps: list[Step], sampled: Stretch) -> None:
+        """Write consecutive RL steps and their samples."""
+        if len(sampled.time_s):
+            self._write_body(sampled)
+            self._write_masses(sampled)
+            self._write_track(sampled)
+            self._write_plan([step for step in steps if len(step.samples.omega)])
+
+    def _write_body(self, sampled: Stretch) -> None:
+        every, base = self._pose_periods, f"{self._path}/robot"
+        ends = sampled.ends(every)
+        times = simulated(sampled.time_s[ends])
+        # Rerun wants (x, y, z, w).
+        quaternion = np.roll(sampled.samples.quaternion[ends, self._robot], -1, axis=1)
+        pose = rr.Transform3D.columns(
+            translation=sampled.samples.position[ends, self._robot], quaternion=quaternion
+        )
+        self._file.columns(base, times, pose)
+        normal = sampled.rows(lambda s: s.normal_mean[:, self._robot], every, "max")
+        arrows = np.zeros((*normal.shape, 3))
+        arrows[:, :, 2] = np.minimum(_METRES_PER_NEWTON * normal, _LONGEST_ARROW_M)
+        forces = rr.Arrows3D.columns(vectors=arrows.reshape(-1, 3))
+        forces = forces.partition([normal.shape[1]] * len(normal))
+        self._file.columns(f"{base}/contact", times, forces)
+
+    def _write_masses(self, sampled: Stretch) -> None:
+        """Eccentric masses with the poses, and at every control period of the bursts."""
+        burst = round(self._detail.burst_s / self._config.timing.control_period_s)
+        rows = np.union1d(sampled.ends(self._pose_periods), sampled.bursts(burst))
+        theta = sampled.samples.theta[rows, self._robot]
+        mounts = motor_mounts(self._config.robot, self._config.motor)
+        # At the motor's outer end, where it can be seen; the forces act at the motor's middle.
+        end_m = self._config.robot.motor_radius_m + self._config.robot.motor_length_m / 2.0
+        masses = np.empty((len(rows), len(mounts), 3))
+        for motor, mount in enumerate(mounts):
+            masses[:, motor, 0] = -mount.r * mount.sin_phi * np.sin(theta[:, motor])
+            masses[:, motor, 1] = mount.sin_phi * end_m
+            masses[:, motor, 2] = mount.z - mount.r * np.cos(theta[:, motor])
+        points = rr.Points3D.columns(positions=masses.reshape(-1, 3))
+        points = points.partition([len(mounts)] * len(rows))
+        times = simulated(sampled.time_s[rows])
+        self._file.columns(f"{self._path}/robot/motors/masses", times, points)
+
+    def _write_track(self, sampled: Stretch) -> None:
+        """Write pieces of the trail, and cells when they are first visited.
+
+        Rows hold what is new, so that a recording grows with the time and not with its square.
+        """
+        ends = sampled.ends(round(_TRAIL_PERIOD_S / self._config.timing.control_period_s))
+        time_s, points = sampled.time_s[ends], sampled.samples.position[ends, self._robot]
+        start = self._last if len(self._last) else sampled.samples.position[:1, self._robot]
+        track, self._last = np.vstack([start, points]), points[-1:]
+        line, count = track * (1.0, 1.0, 0.0) + (0.0, 0.0, _TRAIL_HEIGHT_M), len(points)
+        each = round(_TRAIL_PIECE_S / _TRAIL_PERIOD_S)
+        pieces = [line[k : k + each + 1] for k in range(0, count, each)]
+        times = simulated(time_s[[min(k + each, count) - 1 for k in range(0, count, each)]])
+        self._file.columns(f"{self._path}/trail", times, rr.LineStrips3D.columns(strips=pieces))
+        new = []
+        for row, (x, y) in enumerate(np.floor(track[:, :2] / self._cell_m).astype(int).tolist()):
+            if (x, y) not in self._visited:
+                self._visited.add((x, y))
+                new.append((max(row - 1, 0), x, y))
+        if new:
+            rows, *cells = np.array(new).T
+            x, y = (np.stack(cells) + 0.5) * self._cell_m
+            half_size = self._cell_m / 2.0, self._cell_m / 2.0, 0.0001
+            boxes = rr.Boxes3D.columns(
+                centers=np.column_stack([x, y, np.full(len(new), _VISITED_HEIGHT_M)]),
+                half_sizes=[half_size] * len(new),  # in each row, as a view of many rows needs it
+            )
+            self._file.columns(f"{self._path}/visited", simulated(time_s[rows]), boxes)
+
+    def _write_plan(self, steps: list[Step]) -> None:
+        """The commanded direction over the robot; nothing once it has arrived."""
+        robot = self._config.robot
+        action = np.array([step.action[self._robot] for step in steps])
+        origins = np.array([step.samples.position[0, self._robot] for step in steps])
+        origins[:, 2] = robot.height_m + _PLAN_CLEARANCE_M
+        angle = action * 2.0 * np.pi / DIRECTION_COUNT
+        length = _PLAN_DIAMETERS * robot.diameter_m
+        vectors = length * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))])
+        moving = action >= 0
+        arrows = rr.Arrows3D.columns(origins=origins[moving], vectors=vectors[moving])
+        times = simulated(np.array([step.first_tick for step in steps]) * self._config.timing.dt_s)
+        self._file.columns(f"{self._path}/plan", times, arrows.partition(moving.astype(int)))
+
+
+def write_styles(file: Kept, signals: Sequence[SignalSpec], robots: Sequence[int]) -> None:
+    """Log names, units, colours and aggregation of every signal and state of some robots."""
+    for robot, name in enumerate(robot_names(robots)):
+        for signal in signals:
+            names, count = signal.names, len(signal.names)
+            few = count <= 3
+            colours = shades(robot_colour(robot), count) if few else palette(EIGHT[:count])
+            set_points = not signal.label and bool(signal.tabs)  # in one plot with the speeds
+            file.static(
+                signal.entity(name),
+                # The default, averaging, would flatten a vibration to nothing.
+                rr.SeriesLines(
+                    names=names,
+                    colors=palette([WHITE] * count) if set_points else colours,
+                    widths=[0.5 if set_points else 1.5] * count,
+                    aggregation_policy="MinMax",
+                    visible_series=[part != REWARD_PARTS[0] for part in names],
+                ),
+                *([rr.AnyValues(unit=signal.unit)] if signal.unit else []),
+            )
+        for path, (values, colours) in STATES.items():
+            _write_states(file, f"/rl/{name}/{path}", values, colours)
+    _write_states(file, OUTCOME, *OUTCOMES)
+
+
+def _write_states(file: Kept, entity: str, values: Sequence[str], colours: Sequence[int]) -> None:
+    states = rr.StateConfiguration(
+        values=list(values), labels=list(values), colors=palette(list(colours))
+    )
+    file.static(entity, states)

@@ -1,52 +1,143 @@
-"""The recorded signals of an episode: where each comes from, its rate, unit, names and colours."""
+"""What is recorded of an episode: every signal, state and level of `--record`, with its colours.
 
+A signal is a row of `SIGNALS`. Recorder, styles, blueprint and levels follow this table. A row of a
+Rerun table costs some 35 bytes for any content, so rates decide what a recording weighs;
+docs/performance.md has the sizes.
+"""
+
+import math
 from collections.abc import Callable, Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import rerun as rr
 
+from cosim.coupling.rl_step import Step
 from cosim.coupling.signals import Samples
+from cosim.model.config import CoSimConfig
 from cosim.model.outcome import ENDS
+from cosim.model.params import TimingParams
 from cosim.onboard.features import DIRECTION_COUNT, DISTANCE_CLASSES, GRADIENT_SIGNS
 from cosim.onboard.steering import MODE_NAMES
 from cosim.physics.rotation import headings
-from cosim.recording.blueprint import robot_names
-from cosim.recording.file import Sink
-from cosim.recording.scene import EIGHT, GREY, LIGHT, SERIES, WHITE, palette, robot_colour, shades
+
+GREY, LIGHT, INK, WHITE = 0x888888FF, 0x88888840, 0x222222FF, 0xFFFFFFFF
+SERIES = [0x0072B2FF, 0xE69F00FF, 0x009E73FF]  # of states and curves that belong to no robot
+EIGHT = [
+    *(0x0072B2FF, 0x56B4E9FF, 0x009E73FF, 0xF0E442FF),
+    *(0xE69F00FF, 0xD55E00FF, 0xCC79A7FF, 0x888888FF),
+]
 
 DIRECTION_NAMES = tuple(f"{360 * k // DIRECTION_COUNT}°" for k in range(DIRECTION_COUNT))
 ARRIVED = "at target"
 DRIVEN = "motors"  # a policy commands them
-# States of /rl/<robot>/move but for directions, and of /rl/<robot>/failure; OUTCOME is an entity.
 ENDED, GIVEN_UP = "ended", "given up"
 OFF_THE_BOARD, ON_OBSTACLE = "leaves the board", "touches an obstacle"
 ON_TARGET, IN_ZONE = "enters another robot's target", "enters the restricted zone"
 NOT_ARRIVED = "has not arrived"
 OUTCOME, STILL_RUNNING = "/outcome", "running"
 REWARD_PARTS = ("goal or failure", "step", "nearness")  # Eq. (8) and (11)
-_DE, _ABC, _XY, _HEADING = ("D", "E"), ("A", "B", "C"), ("x", "y"), ("heading",)
-_COVARIANCE = ("xx", "xy", "yy", "x heading", "y heading", "heading")
+# States below /rl/<robot>, and of the whole episode: their values and colours.
+STATES: dict[str, tuple[Sequence[str], Sequence[int]]] = {
+    "action": ((*DIRECTION_NAMES, ARRIVED, DRIVEN), [*EIGHT, LIGHT, GREY]),
+    "steering": (MODE_NAMES, [GREY, *EIGHT]),
+    "move": ((*DIRECTION_NAMES, ENDED, GIVEN_UP), [*EIGHT, LIGHT, GREY]),
+    "failure": (
+        (OFF_THE_BOARD, ON_OBSTACLE, NOT_ARRIVED, ON_TARGET, IN_ZONE),
+        [*SERIES, GREY, LIGHT],
+    ),
+    "greedy": (DIRECTION_NAMES, EIGHT),
+    "gradient": (GRADIENT_SIGNS, SERIES),
+    "distance_class": (DISTANCE_CLASSES, SERIES),
+}
+OUTCOMES = (*ENDS, STILL_RUNNING), [SERIES[2], EIGHT[5], EIGHT[4], GREY, LIGHT]
+
+
+class PolicyMap(NamedTuple):
+    """A robot's policy by cell; arrays of shape (columns, rows).
+
+    Attributes:
+        value: largest action value, mean over the cell's states weighted by visits.
+        action: greedy direction index in the state visited most.
+        visits: decisions made in the cell while learning.
+    """
+
+    value: np.ndarray
+    action: np.ndarray
+    visits: np.ndarray
+
+
+Level = Literal["summary", "default", "full"]
+
+
+class Detail(NamedTuple):
+    """Times between the rows of a level, in s; infinite is once per RL step.
+
+    Attributes:
+        fast_s: of what changes within a motor turn: speeds and voltages.
+        slow_s: of everything else; forces and shares are means over it, impacts the largest.
+        pose_s: of poses, positions and headings.
+        burst_s: length of the burst at the start of every RL step that is kept at every tick.
+        full: whether signals are recorded that only this level has.
+    """
+
+    fast_s: float
+    slow_s: float
+    pose_s: float
+    burst_s: float
+    full: bool = False
+
+
+DETAILS: dict[Level, Detail] = {
+    "summary": Detail(math.inf, math.inf, 0.1, 0.0),
+    # 9 ms are 1.4 motor turns; slow rows meet the ends of RL steps, where bursts begin.
+    "default": Detail(0.001, 0.025, 0.025, 0.009),
+    "full": Detail(0.001, 0.001, 0.001, 0.05, full=True),
+}
+
+
+def with_bursts(config: CoSimConfig, level: Level | Literal["none"]) -> CoSimConfig:
+    """A configuration that samples the bursts of a level, and none where nothing is recorded."""
+    burst_s = 0.0 if level == "none" else DETAILS[level].burst_s
+    return config.having("a recording's level", burst_s=burst_s)
+
+
+def periods(time_s: float, control_period_s: float, rl_step_s: float) -> int:
+    """Control periods between two rows: at least one, at most an RL step's."""
+    return max(1, round(min(time_s, rl_step_s) / control_period_s))
 
 
 class SignalSpec(NamedTuple):
-    """A signal below `/sim/<robot>`.
+    """A signal of a robot.
 
     Attributes:
-        path: of its entity.
+        path: of its entity, without the robot's name.
         names: of its components.
-        unit: of its values.
-        rate: which of the rates of `cosim.recording.levels.Detail` it has.
+        unit: of its values; empty if decisions say it.
+        rate: which of the rates of `Detail` it has; "burst" is every tick of bursts, and
+            "decision" once per RL step.
         reduced: what a row says of the control periods since the last one.
-        of: its values (n, N) or (n, N, k) at every control period.
+        of: its values (n, N) or (n, N, k) in `Samples`, or in `RawSamples` of bursts; None where
+            the recorder computes them.
+        label: of its plot; a signal without one is drawn with the signal before it.
+        tabs: of the viewer that have the plot; "values" and "places" are the overview with and
+            without the values of a policy.
+        full: whether only the level "full" has it.
     """
 
     path: str
     names: tuple[str, ...]
     unit: str
-    rate: Literal["fast", "slow", "pose", "loop"]
-    reduced: Literal["mean", "max", "last"]
-    of: Callable[[Samples], np.ndarray]
+    rate: Literal["fast", "slow", "pose", "burst", "decision"]
+    reduced: Literal["mean", "max", "last"] = "last"
+    of: Callable[[Any], np.ndarray] | None = None
+    label: str = ""
+    tabs: tuple[str, ...] = ()
+    full: bool = False
+
+    def entity(self, robot: str) -> str:
+        """Return the path of its entity."""
+        kind, _, name = self.path.partition("/")
+        return f"/{kind}/{robot}/{name}"
 
 
 def nearest_distances(samples: Samples) -> np.ndarray:
@@ -58,127 +149,145 @@ def nearest_distances(samples: Samples) -> np.ndarray:
     return distances.min(axis=2)
 
 
+_DE, _ABC, _XY, _SHARE = ("D", "E"), ("A", "B", "C"), ("x", "y"), ("share",)
+_HEADING, _CELLS = ("heading",), "cells"
+_COVARIANCE = ("xx", "xy", "yy", "x heading", "y heading", "heading")
+_FRICTION = tuple(f"{foot} {axis}" for foot in _ABC for axis in _XY)
+_MOTORS, _BURST = ("overview", "motors"), ("bursts at every tick",)
+_APART = {"sim/distance_m", "rl/distance"}  # of which a robot alone has none
+
+# fmt: off
+_spec = SignalSpec
 SIGNALS = (
-    SignalSpec("motors/omega", _DE, "rad/s", "fast", "mean", lambda s: s.omega),
-    SignalSpec("motors/voltage", _DE, "V", "fast", "mean", lambda s: s.voltage),
-    SignalSpec("motors/omega_des", _DE, "rad/s", "slow", "last", lambda s: s.omega_des),
-    SignalSpec("motors/theta", _DE, "rad", "slow", "last", lambda s: s.theta),
-    SignalSpec("motors/current", _DE, "A", "slow", "mean", lambda s: s.current),
-    SignalSpec("motors/omega_dot", _DE, "rad/s2", "loop", "last", lambda s: s.omega_dot),
-    SignalSpec("motors/noise", _DE, "rad/s", "loop", "last", lambda s: s.noise),
-    SignalSpec("motors/u", _DE, "V", "loop", "last", lambda s: s.command),
-    SignalSpec("motors/integral", _DE, "rad", "loop", "last", lambda s: s.integral),
-    SignalSpec("motors/disturbance", _DE, "N.m", "loop", "last", lambda s: s.disturbance),
-    SignalSpec("position", _XY, "m", "pose", "last", lambda s: s.position[..., :2]),
-    SignalSpec("heading", _HEADING, "rad", "pose", "last", lambda s: headings(s.quaternion)),
-    SignalSpec("estimate/position", _XY, "m", "pose", "last", lambda s: s.estimate[..., :2]),
-    SignalSpec("estimate/heading", _HEADING, "rad", "pose", "last", lambda s: s.estimate[..., 2]),
-    SignalSpec(
-        "estimate/covariance",
-        _COVARIANCE,
-        "m2, m rad, rad2",
-        "pose",
-        "last",
-        lambda s: s.covariance,
-    ),
-    SignalSpec("velocity", _XY, "m/s", "slow", "mean", lambda s: s.velocity[..., :2]),
-    SignalSpec("yaw_rate", ("yaw rate",), "rad/s", "slow", "mean", lambda s: s.yaw_rate),
-    SignalSpec("heading_error", ("error",), "rad", "slow", "last", lambda s: s.heading_error),
-    SignalSpec("mode", ("mode",), "1", "slow", "last", lambda s: s.mode),
-    SignalSpec("distance_m", ("to the nearest",), "m", "slow", "last", nearest_distances),
-    SignalSpec("contact/normal_mean", _ABC, "N", "slow", "mean", lambda s: s.normal_mean),
-    SignalSpec("contact/friction_mean", _ABC, "N", "slow", "mean", lambda s: s.friction_mean),
-    SignalSpec("contact/impact", _ABC, "N.s", "slow", "max", lambda s: s.impact),
-    SignalSpec("contact/slipping_share", _ABC, "1", "slow", "mean", lambda s: s.slipping_share),
-    SignalSpec("contact/lifted_share", ("share",), "1", "slow", "mean", lambda s: s.lifted_share),
-    SignalSpec(
-        "contact/touching_share", ("share",), "1", "slow", "mean", lambda s: s.touching_share
-    ),
+    _spec("sim/motors/omega", _DE, "rad/s", "fast", "mean", lambda s: s.omega,
+          "speed of D (dark), E, set points (white), rad/s", _MOTORS),
+    _spec("sim/motors/omega_des", _DE, "rad/s", "slow", "last", lambda s: s.omega_des, "", _MOTORS),
+    _spec("sim/motors/voltage", _DE, "V", "fast", "mean", lambda s: s.voltage,
+          "voltage of D (dark), E, V", ("overview",)),
+    _spec("sim/motors/theta", _DE, "rad", "slow", "last", lambda s: s.theta),
+    _spec("sim/motors/current", _DE, "A", "slow", "mean", lambda s: s.current,
+          "current of D (dark), E, A", ("motors",)),
+    _spec("sim/motors/omega_dot", _DE, "rad/s2", "slow", "last", lambda s: s.omega_dot, full=True),
+    _spec("sim/motors/noise", _DE, "rad/s", "slow", "last", lambda s: s.noise, full=True),
+    _spec("sim/motors/u", _DE, "V", "slow", "last", lambda s: s.command, full=True),
+    _spec("sim/motors/integral", _DE, "rad", "slow", "last", lambda s: s.integral, full=True),
+    _spec("sim/motors/disturbance", _DE, "N.m", "slow", "last", lambda s: s.disturbance, full=True),
+    _spec("rl/q_s", DIRECTION_NAMES, "", "decision", label="Q of the eight directions",
+          tabs=("values", "learning")),
+    # The reward of the goal is hidden: a hundred times that of a step, it would flatten the rest.
+    _spec("rl/reward_parts", REWARD_PARTS, "1", "decision",
+          label="reward of a step: its time (dark), nearness; not the goal", tabs=("values",)),
+    _spec("rl/return", ("return",), "1", "decision", label="return", tabs=("values",)),
+    _spec("rl/reward", ("reward",), "1", "decision"),
+    _spec("rl/cell", _XY, _CELLS, "decision"),
+    _spec("rl/visited", (_CELLS,), _CELLS, "decision", label="visited cells", tabs=("learning",)),
+    _spec("rl/distance", ("distance",), _CELLS, "decision",
+          label="distance to the nearest robot in cells", tabs=("learning",)),
+    _spec("sim/position", _XY, "m", "pose", "last", lambda s: s.position[..., :2],
+          "position x (dark), y, m", ("places", "motion")),
+    _spec("sim/heading", _HEADING, "rad", "pose", "last", lambda s: headings(s.quaternion),
+          "heading rad", ("motion",)),
+    _spec("sim/estimate/position", _XY, "m", "pose", "last", lambda s: s.estimate[..., :2],
+          "estimated position m", ("camera",)),
+    _spec("sim/estimate/heading", _HEADING, "rad", "pose", "last", lambda s: s.estimate[..., 2],
+          "estimated heading rad", ("camera",)),
+    _spec("sim/estimate/covariance", _COVARIANCE, "m2, m rad, rad2", "pose", "last",
+          lambda s: s.covariance, "covariance of the estimate", ("camera",)),
+    _spec("sim/velocity", _XY, "m/s", "slow", "mean", lambda s: s.velocity[..., :2],
+          "velocity m/s", ("motion",)),
+    _spec("sim/yaw_rate", ("yaw rate",), "rad/s", "slow", "mean", lambda s: s.yaw_rate),
+    _spec("sim/heading_error", ("error",), "rad", "slow", "last", lambda s: s.heading_error,
+          "heading error rad", ("motion",)),
+    _spec("sim/mode", ("mode",), "1", "slow", "last", lambda s: s.mode),
+    _spec("sim/distance_m", ("to the nearest",), "m", "slow", "last", nearest_distances,
+          "distance to the nearest robot, m", ("places", "motion")),
+    _spec("sim/contact/normal_mean", _ABC, "N", "slow", "mean", lambda s: s.normal_mean,
+          "mean normal force N", ("contact",)),
+    _spec("sim/contact/friction_mean", _ABC, "N", "slow", "mean", lambda s: s.friction_mean,
+          "mean friction force N", ("contact",)),
+    _spec("sim/contact/impact", _ABC, "N.s", "slow", "max", lambda s: s.impact,
+          "impulse of impacts N s", ("contact",)),
+    _spec("sim/contact/slipping_share", _ABC, "1", "slow", "mean", lambda s: s.slipping_share,
+          "share of time in which a foot slides", ("contact",)),
+    _spec("sim/contact/lifted_share", _SHARE, "1", "slow", "mean", lambda s: s.lifted_share,
+          "share of time with a foot in the air", ("contact",)),
+    _spec("sim/contact/touching_share", _SHARE, "1", "slow", "mean", lambda s: s.touching_share),
+    _spec("raw/omega", _DE, "rad/s", "burst", "last", lambda s: s.omega,
+          "speed at every tick rad/s", _BURST),
+    _spec("raw/theta", _DE, "rad", "burst", "last", lambda s: s.theta, full=True),
+    _spec("raw/position", ("x", "y", "z"), "m", "burst", "last", lambda s: s.position),
+    _spec("raw/normal", _ABC, "N", "burst", "last", lambda s: s.normal, "normal force N", _BURST),
+    _spec("raw/friction", _FRICTION, "N", "burst", "last", lambda s: s.friction,
+          "friction force N", _BURST),
 )
-
-# Signals of bursts below /raw/<robot>, fields of `cosim.coupling.signals.RawSamples`: names and
-# unit.
-RAW_SERIES = {
-    "omega": (_DE, "rad/s"),
-    "theta": (_DE, "rad"),
-    "position": (("x", "y", "z"), "m"),
-    "normal": (_ABC, "N"),
-    "friction": (("A x", "A y", "B x", "B y", "C x", "C y"), "N"),
-}
-
-# Signals of decisions below /rl/<robot>; decisions say the unit of action values.
-RL_SERIES = {
-    "cell": (_XY, "cells"),
-    "visited": (("cells",), "cells"),
-    "distance": (("distance",), "cells"),
-    "reward": (("reward",), "1"),
-    "reward_parts": (REWARD_PARTS, "1"),
-    "return": (("return",), "1"),
-    "q_s": (DIRECTION_NAMES, ""),
-}
+# fmt: on
 
 
-def signals_of(distances: bool, *, camera: bool, loop: bool) -> list[SignalSpec]:
+def signals_of(*, distances: bool, camera: bool, full: bool = True) -> list[SignalSpec]:
     """The meaningful ones: no distances of a robot alone, no estimates of exact poses.
 
     Args:
         distances: whether there are several robots, all of which are sampled.
         camera: whether robots see themselves through one.
-        loop: whether signals of the motors' controllers are recorded.
+        full: whether those of the level "full" are among them.
     """
     return [
         signal
         for signal in SIGNALS
-        if (distances or signal.path != "distance_m")
-        and (camera or not signal.path.startswith("estimate/"))
-        and (loop or signal.rate != "loop")
+        if (distances or signal.path not in _APART)
+        and (camera or not signal.path.startswith("sim/estimate/"))
+        and (full or not signal.full)
     ]
 
 
-def write_styles(file: Sink, signals: Sequence[SignalSpec], robots: Sequence[int]) -> None:
-    """Log names, units, colours and aggregation of every signal and state of some robots."""
-    for robot, name in enumerate(robot_names(robots)):
-        series = {f"/sim/{name}/{s.path}": (s.names, s.unit) for s in signals}
-        series |= {f"/raw/{name}/{path}": entry for path, entry in RAW_SERIES.items()}
-        series |= {f"/rl/{name}/{path}": entry for path, entry in RL_SERIES.items()}
-        for entity, (names, unit) in series.items():
-            few = len(names) <= len(_ABC)
-            colours = (
-                shades(robot_colour(robot), len(names)) if few else palette(EIGHT[: len(names)])
-            )
-            set_points = entity.endswith("/omega_des")  # in one plot with the speeds
-            file.static(
-                entity,
-                # The default, averaging, would flatten a vibration to nothing.
-                rr.SeriesLines(
-                    names=names,
-                    colors=palette([WHITE] * len(names)) if set_points else colours,
-                    widths=[0.5 if set_points else 1.5] * len(names),
-                    aggregation_policy="MinMax",
-                    visible_series=[part != REWARD_PARTS[0] for part in names],
-                ),
-                *([rr.AnyValues(unit=unit)] if unit else []),
-            )
-        for path, values, colours in (
-            ("action", (*DIRECTION_NAMES, ARRIVED, DRIVEN), [*EIGHT, LIGHT, GREY]),
-            ("steering", MODE_NAMES, [GREY, *EIGHT]),
-            ("move", (*DIRECTION_NAMES, ENDED, GIVEN_UP), [*EIGHT, LIGHT, GREY]),
-            (
-                "failure",
-                (OFF_THE_BOARD, ON_OBSTACLE, NOT_ARRIVED, ON_TARGET, IN_ZONE),
-                [*SERIES, GREY, LIGHT],
-            ),
-            ("greedy", DIRECTION_NAMES, EIGHT),
-            ("gradient", GRADIENT_SIGNS, SERIES),
-            ("distance_class", DISTANCE_CLASSES, SERIES),
-        ):
-            _write_states(file, f"/rl/{name}/{path}", values, colours)
-    colours = [SERIES[2], EIGHT[5], EIGHT[4], GREY, LIGHT]
-    _write_states(file, OUTCOME, (*ENDS, STILL_RUNNING), colours)
+def robot_names(robots: int | Sequence[int]) -> list[str]:
+    """Names in entity paths of a number of robots, or of those with some indices: r1 and so on."""
+    indices = range(robots) if isinstance(robots, int) else robots
+    return [f"r{robot + 1}" for robot in indices]
 
 
-def _write_states(file: Sink, entity: str, values: Sequence[str], colours: Sequence[int]) -> None:
-    states = rr.StateConfiguration(
-        values=list(values), labels=list(values), colors=palette(list(colours))
-    )
-    file.static(entity, states)
+class Stretch:
+    """Samples of consecutive RL steps, one after the other.
+
+    Attributes:
+        time_s: (n,) end of every control period.
+        samples: of all of them.
+    """
+
+    def __init__(self, steps: Sequence[Step], timing: TimingParams) -> None:
+        ticks = round(timing.control_period_s / timing.dt_s)
+        self._lengths = [len(step.samples.omega) for step in steps]
+        ends = [
+            step.first_tick + ticks * np.arange(1, count + 1)
+            for step, count in zip(steps, self._lengths, strict=True)
+        ]
+        self.time_s = timing.dt_s * np.concatenate(ends)
+        joined = zip(*(step.samples for step in steps), strict=True)
+        self.samples = Samples._make(map(np.concatenate, joined))
+        self._last: dict[int, Samples] = {1: self.samples}  # of blocks
+
+    def ends(self, every: int) -> np.ndarray:
+        """Return the last row of each block of `every` periods; the last block may be shorter."""
+        count = len(self.time_s)
+        return np.minimum(np.arange(every - 1, count + every - 1, every), count - 1)
+
+    def bursts(self, periods: int) -> np.ndarray:
+        """Return the rows of the first periods of each RL step."""
+        firsts = np.cumsum([0, *self._lengths[:-1]])
+        steps = zip(firsts, self._lengths, strict=True)
+        return np.concatenate([first + np.arange(min(periods, n)) for first, n in steps])
+
+    def rows(
+        self, of: Callable[[Samples], np.ndarray], every: int, how: Literal["mean", "max", "last"]
+    ) -> np.ndarray:
+        """Return a signal's mean or maximum over blocks of periods, or its last value in them."""
+        if how == "last" or every == 1:
+            if every not in self._last:
+                ends = self.ends(every)
+                self._last[every] = Samples._make(field[ends] for field in self.samples)
+            return of(self._last[every])
+        values, starts = of(self.samples), np.arange(0, len(self.time_s), every)
+        if how == "max":
+            return np.maximum.reduceat(values, starts)
+        counts = np.diff(np.append(starts, len(values))).astype(np.float64)
+        return np.add.reduceat(values, starts) / counts.reshape(-1, *[1] * (values.ndim - 1))

@@ -22,8 +22,8 @@ from cosim.model.world import World
 from cosim.onboard.observing import draw_starts
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept
-from cosim.recording.levels import with_bursts
 from cosim.recording.reader import Episode, read_episode
+from cosim.recording.series import with_bursts
 from cosim.simulation.batch import chosen_driver
 from cosim.simulation.driving import SupportsDrive, options_for
 from cosim.simulation.episode import RunningEpisode

@@ -151,7 +151,7 @@ def _episode(task: Task, batch: Batch, place: int) -> Generator[Any, Any, None]:
                 rewards = getattr(task.policy, "reward_parts", None)
                 recorder.write(step, decision, rewards and rewards(step, episode.arrived))
                 if result:
-                    recorder.conclude(facts_of(result))
+                    recorder.set_property("result", facts_of(result))
             yield result
 
 

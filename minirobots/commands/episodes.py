@@ -106,8 +106,8 @@ class Run(Command):
     def run(self, progress: Progress) -> Output:
         from agent.evaluation.series import Series
         from cosim.base.table import show_texts
-        from cosim.recording.levels import with_bursts
         from cosim.recording.live import find_viewer, spawn_viewer
+        from cosim.recording.series import with_bursts
         from cosim.simulation.ahead import compiling_ahead
         from cosim.simulation.batch import chosen_driver
 

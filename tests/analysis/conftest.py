@@ -97,7 +97,7 @@ def killed_recording(tmp_path_factory, run_folder):
     command = [sys.executable, "-m", "minirobots", "run", "--scenario", "2", "--out", str(out)]
     command += ["--policy", str(run_folder / "policy.npz")]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
-        while not (part.is_file() and part.stat().st_size > 1_000_000):
+        while not (part.is_file() and part.stat().st_size > 2_000_000):
             assert run.poll() is None
             time.sleep(0.05)
         run.send_signal(signal.SIGKILL)

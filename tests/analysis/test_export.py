@@ -11,8 +11,7 @@ import pytest
 
 import analysis
 from analysis.export import export
-from cosim.recording.reader import Episode, Signals
-from cosim.recording.rrd import Signal, Texts
+from cosim.recording.reader import Episode, Signal, Signals, Texts
 
 MADE_UP = Path("made_up.rrd")
 Values = dict[tuple[str, str], tuple[str, list[float], list]]

@@ -16,7 +16,7 @@ import numpy as np
 from pyarrow import parquet
 
 from cosim.base.storage import cache_dir
-from cosim.recording.rrd import read_rrd
+from cosim.recording.reader import read_rrd
 
 CACHED = ("kernels", "calibrations", "fmus", "moves", "policies", "bounds")
 # What depends on the clock, by its name in JSON.

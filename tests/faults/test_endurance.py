@@ -18,7 +18,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.recording.episode import EpisodeRecorder
-from cosim.recording.levels import with_bursts
+from cosim.recording.series import with_bursts
 from fmus.build import cached_fmu
 from tests.alone import CoSimulation
 

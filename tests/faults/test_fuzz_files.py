@@ -32,7 +32,7 @@ from cosim.model.scenario_file import find_in_world, in_world, read_world
 from cosim.model.world import Sensor, World
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
-from cosim.recording.rrd import read_rrd
+from cosim.recording.reader import read_rrd
 from tests.faults.fuzzing import examples
 
 SMALL = Scenario(

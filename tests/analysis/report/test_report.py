@@ -9,8 +9,7 @@ from markupsafe import escape
 
 from analysis.figures.style import Caption, read_caption, write_caption
 from analysis.reading.results import FIGURES
-from analysis.report.page import not_drawn, write_report
-from analysis.report.tables import transfer_tables
+from analysis.report.page import not_drawn, transfer_tables, write_report
 from analysis.timings import TimingsFile
 from cosim.base.errors import UserError
 

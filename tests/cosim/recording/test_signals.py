@@ -15,8 +15,8 @@ from cosim.onboard.features import DISTANCE_CLASSES, GRADIENT_SIGNS
 from cosim.onboard.steering import MODE_NAMES
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept
-from cosim.recording.levels import with_bursts
 from cosim.recording.reader import Episode, read_episode
+from cosim.recording.series import with_bursts
 from cosim.simulation.options import DecisionOptions
 from tests.alone import CoSimulation
 

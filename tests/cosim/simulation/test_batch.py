@@ -17,7 +17,7 @@ from cosim.model.params import TABLE_I, TABLE_II, TIMING
 from cosim.model.scenario import Scenario
 from cosim.model.world import Patch, Sensor, World
 from cosim.physics.lanes import host_lanes
-from cosim.recording.levels import with_bursts
+from cosim.recording.series import with_bursts
 from cosim.simulation.batch import Batch, chosen_driver
 from cosim.simulation.tasks import Task, simulate_tasks
 

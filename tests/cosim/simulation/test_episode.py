@@ -20,7 +20,7 @@ from cosim.model.world import Sensor, World
 from cosim.onboard.features import LARGE, MEDIUM, Observation
 from cosim.onboard.observing import draw_starts
 from cosim.onboard.steering import DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, PAST
-from cosim.recording.levels import with_bursts
+from cosim.recording.series import with_bursts
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import PROMPT_RL_STEP_S, DecisionOptions
 from cosim.simulation.simulate import simulate
