@@ -8,11 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.style import WIDTH_IN, Caption, Drawing
+from analysis.figures.style import UNTESTED, WIDTH_IN, Caption, Claim, Drawing, verdict
 from analysis.reading.results import FIGURES, RESULTS
 from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
 from cosim.machine.platform.motion import Motion, PlatformResult
 
+PRINTED_STEP_UM = 290.0
 _QUARTERS = (0, 90, 180, 270, 360)
 TITLES = {"paper": "resembling the printed Fig. 3", "table_ii": "Tables I and II"}
 
@@ -73,6 +74,22 @@ def caption(result: PlatformResult) -> Caption:
     row = int(np.argmin(np.abs(table.mu - numbers["table_ii_mu"])))
     slip, drift = table.slip_and_drift_speed_rad_s[row]
     numbers |= {"slip_speed_rad_s": float(slip), "drift_speed_rad_s": float(drift)}
+    ours_um, other_um = numbers["table_ii_step_um"], numbers["paper_step_um"]
+    claims = (
+        Claim(
+            "Sec. II-B: slip above a critical speed, “net displacement per cycle”, “micrometer "
+            "positioning”",
+            f"slip from {slip:.0f} rad/s, net motion from {drift:.0f}; whether pulses repeat was "
+            "not measured",
+            f"{verdict(bool(np.isfinite(drift)) and ours_um > 0.0)}; positioning {UNTESTED}",
+        ),
+        Claim(
+            "Fig. 3: steps of 0.29 mm",
+            f"Table II gives {ours_um:.1f} µm at {numbers['table_ii_omega_rad_s']:.0f} rad/s; "
+            f"another platform gives {other_um / 1e3:.3f} mm",
+            f"{verdict(abs(ours_um - PRINTED_STEP_UM) < 0.1 * PRINTED_STEP_UM)} with Table II",
+        ),
+    )
     return Caption(
         "fig03",
         "Motion of the 1-DOF platform over turns of the motor (left), in one turn (middle), and "
@@ -91,6 +108,7 @@ def caption(result: PlatformResult) -> Caption:
         ),
         numbers,
         FIGURES["fig03"],
+        claims,
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.style import WIDTH_IN, Caption, Drawing
+from analysis.figures.style import WIDTH_IN, Caption, Claim, Drawing, verdicts
 from analysis.reading.findings import intervals
 from analysis.reading.motor_test import LOOPS, Response, read, rise
 from analysis.reading.results import FIGURES, RESULTS
@@ -152,17 +152,41 @@ def caption(
         ),
         numbers,
         FIGURES["fig07"],
+        (_claim(numbers),),
     )
+
+
+def _claim(numbers: Mapping[str, Any]) -> Claim:
+    ours, holds = [], {}
+    for name in ("to_90_percent_s", "to_98_percent_s"):
+        opened, closed = (_seconds(numbers[f"{loop}_{name}"]) for loop in LOOPS)
+        ours.append(f"to {_TIMES[name]}: {closed} instead of {opened}")
+        holds[f"to {_TIMES[name]}"] = _faster(numbers, name)
+    return Claim(
+        "Fig. 7: with the PI loop “response time is significantly reduced”",
+        "; ".join(ours),
+        verdicts(holds),
+    )
+
+
+def _seconds(time_s: float | None) -> str:
+    return "never" if time_s is None else f"{time_s:.3f} s"
+
+
+def _faster(numbers: Mapping[str, Any], name: str) -> bool | None:
+    """Return whether the closed loop is faster in a time; None if no loop gets there."""
+    opened, closed = (numbers[f"{loop}_{name}"] for loop in LOOPS)
+    if opened is None and closed is None:
+        return None
+    return closed is not None and closed < (math.inf if opened is None else FASTER * opened)
 
 
 def _comparison(numbers: Mapping[str, Any]) -> str:
     """Return the times to which the closed loop is the faster one, as a sentence."""
     faster: dict[bool, list[str]] = {True: [], False: []}
     for name, text in _TIMES.items():
-        opened, closed = (numbers[f"{loop}_{name}"] for loop in LOOPS)
-        if opened is not None or closed is not None:
-            within = math.inf if opened is None else FASTER * opened
-            faster[closed is not None and closed < within].append(text)
+        if (than := _faster(numbers, name)) is not None:
+            faster[than].append(text)
     said = {True: f"at least {1.0 - FASTER:.0%} faster to", False: "not so to"}
     parts = [f"{said[which]}: {', '.join(texts)}" for which, texts in faster.items() if texts]
     return f"The closed loop is {'; '.join(parts)}." if parts else "No loop reaches the set point."

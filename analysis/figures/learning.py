@@ -9,13 +9,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.stats import binomtest
 
 from agent.evaluation.statistics import interval_text, mean_intervals
 from agent.experiments.results import ExperimentResult, VariantResult
 from agent.training.loop import TrainingLog
 from agent.training.runs import policy_paths
 from agent.training.store import LOG_FILE
-from analysis.figures.style import WIDTH_IN, Caption, Drawing
+from analysis.figures.style import WIDTH_IN, Caption, Claim, Drawing, verdict, verdicts
 from analysis.reading.results import FIGURES, RESULTS, read_experiment
 from cosim.base.errors import UserError
 from cosim.base.plotting import BLUE, GREY, VERMILION
@@ -23,6 +24,7 @@ from cosim.base.plotting import BLUE, GREY, VERMILION
 POINTS = 200  # drawn per curve; a point is the mean of the learning curve's points that it covers
 # Success rate that counts as learnt.
 LEARNT = 0.99
+OPTIMAL = 1.002  # over the optimum, to be called optimal
 LEAST_RUNS = 5  # with fewer, runs are drawn themselves: their interval says nothing
 _SPREAD = "bands: 95 % intervals of the mean over runs; of fewer than five runs: each run, thin"
 _CURVES = (
@@ -184,30 +186,84 @@ def draw_learning_curves(variants: dict[str, VariantCurves]) -> Figure:
 
 def fig10(results: Path) -> Drawing:
     """Draw the effect of the coefficient c of Eq. (12)."""
-    return _with_differences(
-        learning_figure("fig10", results), results, "path_length_cm", 1.0, " cm"
-    )
+    drawing = learning_figure("fig10", results)
+    drawing, found, better = _compared(drawing, results, "path_length_cm", 1.0, " cm")
+    paper = "Fig. 10: “better results are obtained when c = 1.5”"
+    ours = f"difference of paths to those of c = 1.5: {found}"
+    return _with_claim(drawing, Claim(paper, ours, verdict(better)))
 
 
 def sequel(results: Path) -> Drawing:
     """Learning curves of groups of four and six robots, by both algorithms of the sequel."""
     drawing = learning_figure("sequel", results, draw_by_scenario)
-    return _with_differences(drawing, results, "success", 100.0, " %")
+    drawing, found, stable = _compared(drawing, results, "success", 100.0, " %")
+    content = read_experiment("sequel", results)
+    rates = [v.over_runs["success"].mean or 0.0 for v in content.variants.values()]
+    paper = "The sequel: “efficient” learning of four robots; double Q “more stable”"
+    ours = (
+        f"{100.0 * min(rates):.0f} to {100.0 * max(rates):.0f} % of starts after "
+        f"{content.episodes:,} episodes; differences: {found}"
+    )
+    return _with_claim(drawing, Claim(paper, ours, verdict(stable and min(rates) >= LEARNT)))
 
 
-def _with_differences(
+def _compared(
     drawing: Drawing, results: Path, measure: str, factor: float, unit: str
-) -> Drawing:
-    """Add to the caption how the variants differ from their references in a measure."""
+) -> tuple[Drawing, str, bool | None]:
+    """Add to the caption how the variants differ from their references in a measure.
+
+    Returns:
+        The drawing, the differences as text, and whether all are above 0, None if one of them has
+        no interval.
+    """
     content = read_experiment(drawing.caption.figure, results)
-    numbers, parts = dict(drawing.caption.numbers), []
-    for name, measures in content.differences.items():
-        numbers[f"{name}_{measure}_difference"] = difference = measures[measure]
-        parts.append(f"{content.variants[name].label} {interval_text(difference, 2, factor, unit)}")
+    found = {name: measures[measure] for name, measures in content.differences.items()}
+    parts = "; ".join(
+        f"{content.variants[name].label} {interval_text(difference, 2, factor, unit)}"
+        for name, difference in found.items()
+    )
     what = measure.removesuffix("_cm").replace("_", " ")
-    text = f"Difference in {what} from the reference, run by run: {'; '.join(parts)}."
-    ours = (*drawing.caption.ours, text)
-    return drawing._replace(caption=replace(drawing.caption, ours=ours, numbers=numbers))
+    text = f"Difference in {what} from the reference, run by run: {parts}."
+    numbers = {f"{name}_{measure}_difference": difference for name, difference in found.items()}
+    caption = drawing.caption
+    caption = replace(caption, ours=(*caption.ours, text), numbers=dict(caption.numbers) | numbers)
+    lows = [difference.low for difference in found.values()]
+    above = None if None in lows else all(low > 0.0 for low in lows if low is not None)
+    return drawing._replace(caption=caption), parts, above
+
+
+def _with_claim(drawing: Drawing, claim: Claim) -> Drawing:
+    return drawing._replace(caption=replace(drawing.caption, claims=(claim,)))
+
+
+def learned(figure: str, results: Path) -> Drawing:
+    """Learning curves of Fig. 8 or 11, with what the paper claims of them."""
+    drawing, content = learning_figure(figure, results), read_experiment(figure, results)
+    ours, learnt = [], {}
+    for variant in content.variants.values():
+        runs = [run.success == 1.0 for run in variant.runs]
+        low, high = binomtest(sum(runs), len(runs)).proportion_ci()
+        learnt[variant.scenario] = all(runs)
+        text = f"{variant.scenario}: 100 % of all starts in {sum(runs)} of {len(runs)} runs"
+        text += f" [{100.0 * low:.1f}, {100.0 * high:.1f}]"
+        if figure == "fig08":
+            text += f", {interval_text(variant.over_runs['steps'])} moves, path "
+            text += f"{interval_text(variant.over_runs['ratio_to_bound'], 3)} of the shortest"
+        ours.append(text)
+    if figure == "fig08":
+        holds = {
+            f"in {what}": all(learnt.values())
+            and all((v.over_runs[of].mean or np.inf) < OPTIMAL for v in content.variants.values())
+            for what, of in (("moves", "steps_ratio_to_bound"), ("centimetres", "ratio_to_bound"))
+        }
+        paper, found = (
+            "Fig. 8: one robot, “the optimal policy is achieved quickly”",
+            verdicts(holds),
+        )
+    else:
+        paper = "Fig. 11: pairs learn to reach their targets"
+        found = f"{verdict(all(learnt.values()))} on the grid"
+    return _with_claim(drawing, Claim(paper, "; ".join(ours), found))
 
 
 def learning_figure(

@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from agent.evaluation.statistics import rate
 from analysis.figures.fig05 import draw_board, robot_colour
-from analysis.figures.style import WIDTH_IN, Caption, Drawing
+from analysis.figures.style import WIDTH_IN, Caption, Claim, Drawing, verdict, verdicts
 from analysis.reading.inspection import path_length_m
 from analysis.reading.results import DRIVEN_BY, FIGURES, RESULTS, episodes_of, recordings
 from cosim.base.errors import UserError
@@ -167,6 +168,28 @@ def _draw_tracks(axes: Axes, scenario: Scenario, tracks: list[Track]) -> None:
                 axes.add_patch(Circle(centre, radius_cm, fill=False, color=colour, alpha=alpha))
 
 
+def _claim(figure: str, tracks: Tracks) -> Claim:
+    """Return what the paper's method achieves."""
+    parts, holds = [], {}
+    for (name, method), found in tracks.items():
+        if method == "paper":
+            reached = sum(track.outcome == "success" for track in found)
+            _, low, high = rate(reached, len(found))
+            ends = f"[{100.0 * (low or 0.0):.1f}, {100.0 * (high or 1.0):.1f}]"
+            parts.append(f"{name} in {reached} of {len(found)} {ends}")
+            holds[f"in {name}"] = reached == len(found)
+    paper = {
+        "fig09": "Fig. 9: paths of one robot",
+        "fig12": "Fig. 12: paths of pairs without collisions",
+    }
+    one = set(holds.values())
+    return Claim(
+        paper[figure],
+        f"driven in the dynamics, without a shield: {', '.join(parts)} episodes",
+        verdict(one.pop()) if len(one) == 1 else verdicts(holds),
+    )
+
+
 def _caption(figure: str, title: str, claim: str, tracks: Tracks) -> Caption:
     numbers: dict[str, Any] = {}
     ours = []
@@ -194,4 +217,5 @@ def _caption(figure: str, title: str, claim: str, tracks: Tracks) -> Caption:
         tuple(ours),
         numbers,
         FIGURES[figure],
+        (_claim(figure, tracks),),
     )

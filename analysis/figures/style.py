@@ -3,6 +3,7 @@
 A figure is a PNG, a PDF, and a JSON file with its caption: the paper's claim and our numbers.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -50,6 +51,31 @@ def save(figure: Figure, out: Path) -> list[Path]:
     return files
 
 
+CONFIRMED, NOT_CONFIRMED, UNTESTED = "confirmed", "not confirmed", "cannot be tested"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim of the paper, in short, with our result and the verdict on it."""
+
+    paper: str
+    ours: str
+    verdict: str
+
+
+def verdict(holds: bool | None) -> str:
+    """Return whether a claim is confirmed; None if the data cannot tell."""
+    return UNTESTED if holds is None else CONFIRMED if holds else NOT_CONFIRMED
+
+
+def verdicts(holds: Mapping[str, bool | None]) -> str:
+    """Return one verdict for where a claim holds and where not, as "confirmed to 90 %, …"."""
+    found: dict[str, list[str]] = {}
+    for where, does in holds.items():
+        found.setdefault(verdict(does), []).append(where)
+    return ", ".join(f"{each} {' and '.join(places)}" for each, places in found.items())
+
+
 @dataclass(frozen=True)
 class Caption:
     """Caption of a figure; numbers in it are computed from the data drawn.
@@ -61,6 +87,7 @@ class Caption:
         ours: what we find, one line each.
         numbers: the numbers in `ours` by name, unit suffixes in the names.
         inputs: results it was drawn from, below the results folder.
+        claims: on which it bears, as the report lists them.
     """
 
     figure: str
@@ -69,6 +96,7 @@ class Caption:
     ours: tuple[str, ...]
     numbers: dict[str, Any] = field(default_factory=dict)
     inputs: tuple[str, ...] = ()
+    claims: tuple[Claim, ...] = ()
 
     def text(self) -> str:
         """The caption as text, for a page."""

@@ -4,18 +4,19 @@ The page stands in a folder with its figures and opens from disk.
 """
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jinja2
+import msgspec
 
 from agent.evaluation.rows import METHOD, MU, PATH_RATIO, SCENARIO, SHIELD, rate_column
 from agent.evaluation.series import RunSummary
 from agent.evaluation.statistics import interval_text
 from agent.experiments.results import ExperimentResult
 from agent.study.studies import QUICK_EPISODES, TransferReport
-from analysis.figures.style import FORMATS, NOTHING, read_caption
+from analysis.figures.style import FORMATS, NOTHING, UNTESTED, Caption, Claim, read_caption
 from analysis.reading.results import (
     DRIVEN_BY,
     FIGURES,
@@ -28,15 +29,14 @@ from analysis.reading.results import (
 from analysis.timings import TimingsFile, read_timings
 from cosim.base.errors import FileError, UserError
 from cosim.base.provenance import versions
-from cosim.base.storage import replacing, write_whole
+from cosim.base.storage import replacing, write_json, write_whole
 from cosim.base.table import field
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import ENDS
 from cosim.model.params import SPEED_NOISE, TABLE_I, TIMING
 from cosim.model.scenario_file import PAPER, find_scenario
 
-PAGE = "index.html"
-
+PAGE, CLAIMS = "index.html", "claims.json"
 
 # Column, measure of `agent.mdp.exact`, digits, factor, unit.
 _MEASURES = (
@@ -56,6 +56,29 @@ class ReportTable(NamedTuple):
     command: str
     header: tuple[str, ...]
     rows: list[tuple[str, ...]]
+
+
+# Of what no reproduction measures.
+_UNMEASURED = (
+    Claim("Sec. V: training takes “about 10 minutes”", "see the table Time on this page", NOTHING),
+    Claim("Hardware", "no robot was driven", UNTESTED),
+)
+
+
+class ClaimRow(msgspec.Struct, frozen=True):
+    """A row of the table of claims, and a record of `claims.json`; figure is empty if none."""
+
+    figure: str
+    paper: str
+    ours: str
+    verdict: str
+
+
+def claim_rows(captions: Iterable[Caption]) -> list[ClaimRow]:
+    """Return the claims of the paper in its order, by the captions of the figures drawn."""
+    claims = [(caption.figure, claim) for caption in captions for claim in caption.claims]
+    claims += [("", claim) for claim in _UNMEASURED]
+    return [ClaimRow(figure, c.paper, c.ours, c.verdict) for figure, c in claims]
 
 
 def learning_tables(results: Path) -> list[ReportTable]:
@@ -180,8 +203,12 @@ def write_report(results: Path, figures: Path, out: Path) -> Path:
     if not results.is_dir():
         raise UserError(f"{results}: no such folder; make results with `minirobots reproduce`")
     timings = read_timings(results)
+    pictures = list(_pictures(figures, out))
+    claims = claim_rows(picture["caption"] for picture in pictures)
+    write_json(out / CLAIMS, claims)
     content = {
-        "pictures": list(_pictures(figures, out)),
+        "pictures": pictures,
+        "claims": claims,
         "missing": not_drawn(figures, results, timings),
         "tables": [*learning_tables(results), *transfer_tables(results), *episode_table(results)],
         "profile": timings and timings.profile,

@@ -260,6 +260,8 @@ def test_caption_of_fig_7_states_the_numbers_of_the_recording(recording):
         caption.text()
     )
     assert "other than Table II" not in caption.text()
+    (claim,) = caption.claims
+    assert claim.verdict == "confirmed to 90 %, not confirmed to 98 %"
 
 
 def test_fig_7_is_that_of_the_motor_in_the_recording(motor_fmu, tmp_path):

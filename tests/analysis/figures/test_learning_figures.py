@@ -19,6 +19,7 @@ from analysis.figures.learning import (
     VariantCurves,
     draw_learning_curves,
     fig10,
+    learned,
     load_variants,
     path_ratio,
     plot_band,
@@ -85,6 +86,46 @@ def test_captions_state_the_numbers_of_the_results(results):
     difference = content.differences["c5"]["path_length_cm"]
     assert caption.numbers["c5_path_length_cm_difference"] == difference
     assert len(caption.ours) == len(content.variants) + 1
+
+
+@pytest.mark.parametrize(
+    ("low", "verdict"),
+    [(0.1, "confirmed"), (-0.1, "not confirmed"), (None, "cannot be tested")],
+)
+def test_c_is_better_where_no_interval_of_the_others_reaches_zero(results, tmp_path, low, verdict):
+    folder = RESULTS["fig10"].location(tmp_path)
+    shutil.copytree(RESULTS["fig10"].location(results), folder)
+    content = json.loads((folder / "results.json").read_text())
+    for difference in content["differences"].values():
+        difference["path_length_cm"] |= {"mean": 0.5, "low": low, "high": 0.9}
+    (folder / "results.json").write_text(json.dumps(content))
+    (claim,) = fig10(tmp_path).caption.claims
+    assert claim.verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("figure", "verdict"),
+    [
+        ("fig08", "confirmed in moves, not confirmed in centimetres"),
+        ("fig11", "confirmed on the grid"),
+    ],
+)
+def test_learning_is_confirmed_where_every_run_succeeds(results, tmp_path, figure, verdict):
+    folder = RESULTS[figure].location(tmp_path)
+    shutil.copytree(RESULTS[figure].location(results), folder)
+    content = json.loads((folder / "results.json").read_text())
+    for variant in content["variants"].values():
+        for run in variant["runs"]:
+            run["success"] = 1.0
+        variant["over_runs"]["steps_ratio_to_bound"]["mean"] = 1.0
+        variant["over_runs"]["ratio_to_bound"]["mean"] = 1.1
+    (folder / "results.json").write_text(json.dumps(content))
+    (claim,) = learned(figure, tmp_path).caption.claims
+    assert claim.verdict == verdict
+    next(iter(content["variants"].values()))["runs"][0]["success"] = 0.9
+    (folder / "results.json").write_text(json.dumps(content))
+    (claim,) = learned(figure, tmp_path).caption.claims
+    assert claim.verdict.startswith("not confirmed")
 
 
 def test_learnt_is_where_success_stays_high():

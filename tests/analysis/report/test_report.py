@@ -1,7 +1,9 @@
 """The report from small results: what it says, and what it refuses."""
 
+import json
 import re
 import shutil
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -38,6 +40,25 @@ def test_page_shows_figures_tables_and_recordings(reproduction, tiny):
     for label in ("scenario 1a", "scenario 4", "c = 1.5", "1a-paper/0", "4-moves/0", "dt_s"):
         assert label in page
     assert f"--runs {tiny.runs} --episodes {tiny.train_episodes} --seed 0" in page
+
+
+def test_claims_are_those_of_the_docs_in_their_order(reproduction):
+    report, docs = reproduction / "report", Path(__file__).parents[3] / "docs" / "paper.md"
+    rows = json.loads((report / "claims.json").read_text(encoding="utf-8"))
+    header = "| the paper | our result | verdict | figure, command |\n"
+    table = docs.read_text(encoding="utf-8").partition(header)[2].partition("\n\n")[0]
+    papers = [line.split(" | ")[0].removeprefix("| ") for line in table.splitlines()[1:]]
+    assert [re.sub("[“”]", '"', row["paper"]) for row in rows] == papers
+    claimed = ["fig03", "fig07", "fig08", "fig09", "fig10", "fig11", "fig12", "sequel"]
+    assert [row["figure"] for row in rows[1:-2]] == claimed
+    page = (report / "index.html").read_text(encoding="utf-8")
+    for row in rows:
+        assert row["ours"]
+        assert row["verdict"]
+        cells = "</th><td>".join(str(escape(row[name])) for name in ("paper", "ours"))
+        assert f"{cells}</td><td>{row['verdict']}</td>" in page
+        assert f'id="{row["figure"]}"' in page or row in rows[-2:]
+    assert page.count("Brief results, which test no claim.") == len(FIGURES) + 1
 
 
 def test_captions_are_escaped_and_missing_figures_named(hostile):
