@@ -24,7 +24,7 @@ def test_given_fields_override_defaults(tmp_path):
         ("[process]\nslip = 1\n", "unknown field process.slip"),
         ('[learning]\neta = "big"\n', "learning: eta = .*xpected float, got str"),
         ("[learning]\neta = 2.0\n", "eta = 2.0 is invalid: expected float <= 1.0"),
-        ('[process]\nfeatures = ["q"]\n', "process: features = "),
+        ('[process]\nfeatures = ["q"]\n', r"process: features\[0\] = 'q'"),
         ("[process\n", "not a TOML file"),
     ],
 )
