@@ -120,9 +120,12 @@ def test_supersuit_makes_rows_of_robots_for_sb3():
     import supersuit
     from stable_baselines3 import PPO
 
-    spaces, env = gym.spaces, parallel(max_cycles=50)
-    flat = lambda seen, space: spaces.flatten(space, seen)  # noqa: E731
-    env = supersuit.observation_lambda_v0(env, flat, spaces.flatten_space)
+    spaces = gym.spaces
+    env = supersuit.observation_lambda_v0(
+        parallel(max_cycles=50),
+        lambda seen, space: spaces.flatten(space, seen),
+        spaces.flatten_space,
+    )
     env = supersuit.black_death_v3(env)
     env = supersuit.pettingzoo_env_to_vec_env_v1(env)
     env = supersuit.concat_vec_envs_v1(env, 2, base_class="stable_baselines3")
