@@ -110,7 +110,8 @@ def test_differences_are_those_of_the_runs_from_their_reference():
 
 def test_experiments():
     variant = experiments.VariantResult("scenario 4, as the paper has it", "4", None, (), OVER)
-    result = experiments.ExperimentResult("fig11", 0, 1, 1.0, "runs/x", {"4": variant}, {})
+    known = {"experiment": "fig11", "seed": 0, "episodes": 1, "seconds": 1.0, "out": "runs/x"}
+    result = experiments.ExperimentResult(**known, variants={"4": variant}, differences={})
     text = printed(experiments.show, result)
     assert "98.76 % [90.00, 99.90]" in text
     assert "path over optimum" in text
