@@ -115,9 +115,7 @@ def _first_difference(was: tuple[np.ndarray, ...], now: tuple[np.ndarray, ...]) 
 def draw(a: Episode, b: Episode, compared: Comparison) -> Figure:
     """Return a picture of both: paths on the board, and the signals that part first, over time.
 
-    Args:
-        a, b: the episodes; the first one's lines are solid, the second one's dashed.
-        compared: of them.
+    The first one's lines are solid, the second one's dashed.
     """
     parted = [n for n, time_s in compared.differences.items() if time_s is not None]
     curves = [name for name in parted if name.startswith("/sim/")][:_CURVES]

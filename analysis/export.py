@@ -40,14 +40,10 @@ def chosen(episode: Episode, names: Sequence[str] = (), rate_hz: float | None = 
     """Return an episode with some of its signals and states.
 
     Args:
-        episode: with all of them.
         names: of signals and states, perhaps without the first part of their path, or patterns with
             `*` and `?`; none for all.
         rate_hz: samples of each signal per second: the first one of every period, as it is; all by
             default. States stay.
-
-    Raises:
-        UserError: the rate is not positive, or the recording has nothing of a name.
     """
     if rate_hz is not None and not 0.0 < rate_hz < 1e9:
         raise UserError(f"--rate {rate_hz:g} is invalid; give samples per second above 0")
@@ -77,11 +73,7 @@ def export(
 
     Parquet has the run, its outcome and every parameter as JSON in its metadata.
 
-    Args:
-        episode: to write.
-        to: format.
-        out: file to write; its folder is made if it is missing.
-        progress: receives every signal.
+    The folder of `out` is made if it is missing.
     """
     facts = {
         "facts": dict(episode.facts),

@@ -26,20 +26,14 @@ def replay(
     """Simulate a recorded episode again, and return how it differs from the recording.
 
     Args:
-        recording: of an episode.
         policy: of the run, by default policy.npz in the folder above that of the recording.
         motor_fmu: of the run, by default the built-in one.
-        progress: receives the simulated time.
 
     Returns:
         The file, whether its writer completed it, numbers of signals and values that were compared
         (states and log lines among them), the differences, each with the signal and the time from
         which on it differs (None if samples are lacking), and versions of packages that are not
         those of the recording, recorded and now.
-
-    Raises:
-        UserError: it is no recording of an episode, says too little to run it again, or was
-            recorded with another motor FMU.
     """
     data = read_rrd(recording)
     with parsing(recording, EPISODE):

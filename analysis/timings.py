@@ -55,10 +55,7 @@ class TimingsFile(msgspec.Struct, frozen=True):
     """Content of `timings.json`.
 
     Attributes:
-        schema_version: of this record.
         profile: fields of the `Profile`, which may be that of another version.
-        seed: of everything random.
-        cores: of the machine, if known.
         stages: by name, in the order of their first end.
     """
 
@@ -70,11 +67,7 @@ class TimingsFile(msgspec.Struct, frozen=True):
 
 
 def read_timings(results: Path) -> TimingsFile | None:
-    """Timings of a results folder; None if `minirobots reproduce` did not make it.
-
-    Raises:
-        UserError: the file is damaged.
-    """
+    """Timings of a results folder; None if `minirobots reproduce` did not make it."""
     path = results / FILE
     kind = Kind("result", "make it again")
     return read_json(path, kind, TimingsFile) if path.exists() else None
@@ -87,16 +80,7 @@ def made_by() -> str:
 
 
 class Timings:
-    """The stages of one reproduction.
-
-    Args:
-        results: its results folder.
-        profile: what it does.
-        seed: of everything random in it.
-
-    Raises:
-        UserError: the folder has the results of another profile or seed, or damaged timings.
-    """
+    """The stages of one reproduction; a folder with another profile or seed is refused."""
 
     def __init__(self, results: Path, profile: Profile, seed: int) -> None:
         self._path, found = results / FILE, read_timings(results)

@@ -29,14 +29,8 @@ def write_video(
     """Write the board from above over time and return the number of frames.
 
     Args:
-        episode: with positions and headings.
         out: video (.mp4, with the extra `video`) or animated picture (.gif).
         speed: simulated seconds per second of the video.
-        progress: receives the simulated time that is drawn.
-
-    Raises:
-        FileError: the recording does not say what its board is.
-        UserError: the suffix is another one, or the extra is missing.
     """
     if (scenario := episode.scenario) is None:
         raise FileError(f"{episode.origin} does not say what its board is; record it again")

@@ -33,8 +33,7 @@ class ViewerReport:
     Attributes:
         views: name of each view with the reports of what it could not draw.
         warnings: the viewer's own log from level warning up, without those on software rendering.
-        entities: paths in the recording.
-        load_s: time until everything was loaded, in s.
+        load_s: time until everything was loaded.
     """
 
     views: list[tuple[str, list[Any]]]
@@ -51,18 +50,12 @@ def screenshot(
     *,
     visit_tabs: bool = False,
 ) -> ViewerReport:
-    """Open a recording headless, save a picture, and return the viewer's report.
+    """Open a recording headless, save a picture (PNG), and return the viewer's report.
 
     Args:
-        recording: to open.
-        picture: PNG to write.
-        time_s: simulated time to show, in s.
+        time_s: simulated time to show.
         tab: name of the tab to show; the first one by default.
         visit_tabs: whether every tab is drawn before, for a report on all views.
-
-    Raises:
-        UserError: the recording does not exist or has no such tab, or the viewer does not start
-            or load it.
     """
     require_file(recording, Kind("recording", "name an .rrd file"))
     with _headless() as viewer:
@@ -101,11 +94,7 @@ def screenshot(
 
 @contextlib.contextmanager
 def _headless() -> Iterator[ViewerClient]:
-    """Start a viewer that draws to memory, and end it; its log is kept from the terminal.
-
-    Raises:
-        UserError: it does not start, or ends before its time.
-    """
+    """Start a viewer that draws to memory, and end it; its log is kept from the terminal."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

@@ -52,11 +52,9 @@ def draw_figures(
     """Draw what can be drawn.
 
     Args:
-        names: of the figures.
         results: folder of results.
         out: folder to write to.
         small: whether only PNGs of 900 pixels are written, for the docs.
-        progress: receives every figure.
 
     Returns:
         Files written, by figure, and why the other figures could not be drawn.

@@ -113,10 +113,6 @@ def caption(result: PlatformResult) -> Caption:
 
 
 def make(results: Path) -> Drawing:
-    """Draw the figure of a results folder.
-
-    Raises:
-        UserError: there is no such result, or its file is of another kind.
-    """
+    """Draw the figure of a results folder."""
     result = PlatformResult.load(RESULTS["platform"].location(results))
     return Drawing(draw(result), caption(result))

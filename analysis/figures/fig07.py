@@ -62,12 +62,7 @@ def others(motor: Mapping[str, float]) -> str:
 
 
 def draw(responses: dict[str, Response], motor: Mapping[str, float] = TABLE_II._asdict()) -> Figure:
-    """The figure of a motor test.
-
-    Args:
-        responses: by loop, as `analysis.reading.motor_test.read` gives them.
-        motor: parameters of the motor by name, as far as they are known.
-    """
+    """The figure of a motor test; the motor's parameters are given as far as they are known."""
     limit_v = motor.get("V_s_max", TABLE_II.V_s_max)
     figure, grid = plt.subplots(
         3, 2, figsize=(WIDTH_IN, 5.0), sharex="col", sharey="row", height_ratios=[3, 2, 1]
@@ -203,11 +198,7 @@ def _gains(motor: Mapping[str, float]) -> str:
 
 
 def make(results: Path) -> Drawing:
-    """Draw the figure of a results folder.
-
-    Raises:
-        UserError: see `analysis.reading.motor_test.read`.
-    """
+    """Draw the figure of a results folder."""
     path = RESULTS["motor_test"].location(results)
     responses = read(path)
     facts = read_rrd(path).properties.get("motor_test", {})

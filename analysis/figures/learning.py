@@ -59,13 +59,7 @@ _LEARNING = {
 
 @dataclass(frozen=True)
 class VariantCurves:
-    """Learning curves of one variant of an experiment.
-
-    Attributes:
-        label: for people.
-        scenario: name.
-        logs: one per run.
-    """
+    """Learning curves of one variant of an experiment, a log per run."""
 
     label: str
     scenario: str
@@ -77,11 +71,7 @@ class VariantCurves:
 
 
 def load_variants(folder: Path, content: ExperimentResult) -> dict[str, VariantCurves]:
-    """Learning curves of a result folder's variants by name.
-
-    Raises:
-        UserError: runs are missing.
-    """
+    """Learning curves of a result folder's variants by name; refuse if runs are missing."""
     variants = {}
     for name, variant in content.variants.items():
         policies = policy_paths(folder / name)
@@ -121,10 +111,7 @@ def plot_band(
     """Mean over runs with its 95 % Student interval, where there is one; few runs as they are.
 
     Args:
-        axes: to draw on.
-        episodes: (points,).
         curves: (runs, points), NaN where a run has no value.
-        label: of the mean.
         most: largest possible value; the least is 0.
     """
     episodes, curves = thinned(episodes, curves)
@@ -271,11 +258,7 @@ def learning_figure(
     results: Path,
     draw: Callable[[dict[str, VariantCurves]], Figure] = draw_learning_curves,
 ) -> Drawing:
-    """Learning curves of an experiment: of one robot (fig08), of pairs (fig11) and so on.
-
-    Raises:
-        UserError: there are no such results.
-    """
+    """Learning curves of an experiment: of one robot (fig08), of pairs (fig11) and so on."""
     content = read_experiment(figure, results)
     variants = load_variants(RESULTS[figure].location(results), content)
     numbers: dict[str, Any] = {"episodes": content.episodes}

@@ -248,10 +248,6 @@ def caption(cycle: Cycle) -> Caption:
 
 
 def make(results: Path) -> Drawing:
-    """Draw the figure of a results folder.
-
-    Raises:
-        UserError: there is no recording, or none of its bursts holds a turn.
-    """
+    """Draw the figure of a results folder."""
     cycle = find_cycle(read_episode(recorded(episodes_of(SCENARIO, "moves"), results)[0]))
     return Drawing(draw(cycle), caption(cycle))

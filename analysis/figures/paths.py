@@ -26,32 +26,20 @@ STYLES: dict[str, str] = dict(zip(DRIVEN_BY, (":", "-"), strict=True))  # of dis
 
 
 class Track(NamedTuple):
-    """Signals of a recorded episode that a figure needs.
+    """Signals of a recorded episode that a figure needs."""
 
-    Attributes:
-        times_s: (n,) of the positions.
-        positions_m: (n, 2) of each robot's centre.
-        outcome: of the episode.
-        path_length_m: of each robot.
-        time_s: simulated.
-    """
-
-    times_s: np.ndarray
-    positions_m: tuple[np.ndarray, ...]
+    times_s: np.ndarray  # (n,)
+    positions_m: tuple[np.ndarray, ...]  # (n, 2) of each robot's centre
     outcome: str
-    path_length_m: tuple[float, ...]
-    time_s: float
+    path_length_m: tuple[float, ...]  # of each robot
+    time_s: float  # simulated
 
 
 Tracks = dict[tuple[str, str], list[Track]]  # of a scenario and a method
 
 
 def read_track(path: Path) -> Track:
-    """The track of an episode's recording.
-
-    Raises:
-        FileError: it is no recording of an episode with positions.
-    """
+    """The track of an episode's recording."""
     episode = read_episode(path)
     positions = [episode.signals[f"{robot}/position"] for robot in episode.robots]
     return Track(
@@ -64,11 +52,7 @@ def read_track(path: Path) -> Track:
 
 
 def fig09(results: Path) -> Drawing:
-    """Draw paths of one robot: all episodes of a scenario on one board, a method in each row.
-
-    Raises:
-        UserError: there are no recordings.
-    """
+    """Draw paths of one robot: all episodes of a scenario on one board, a method in each row."""
     tracks = _read(results, SINGLE)
     figure, grid = plt.subplots(
         len(DRIVEN_BY), len(SINGLE), figsize=(WIDTH_IN, 7.6), sharex=True, squeeze=False
@@ -88,11 +72,7 @@ def fig09(results: Path) -> Drawing:
 
 
 def fig12(results: Path) -> Drawing:
-    """Draw paths of pairs, a method in each row, and below them the distance of their centres.
-
-    Raises:
-        UserError: there are no recordings.
-    """
+    """Draw paths of pairs, a method in each row, and below them the distance of their centres."""
     tracks = _read(results, PAIRS)
     return Drawing(
         _draw_pairs(tracks),
@@ -108,11 +88,7 @@ def fig12(results: Path) -> Drawing:
 
 
 def recorded(name: str, results: Path) -> list[Path]:
-    """Return the recordings of a result's episodes, in their order.
-
-    Raises:
-        UserError: there are none.
-    """
+    """Return the recordings of a result's episodes, in their order; refuse if there are none."""
     paths = recordings(name, results)
     if not paths:
         raise UserError(f"{name}: no recordings; run `{RESULTS[name].command(results)}` first")

@@ -28,17 +28,10 @@ def use_style() -> None:
 
 
 def save(figure: Figure, out: Path) -> list[Path]:
-    """Write the figure as PNG and PDF next to each other; the same data give the same bytes.
+    """Write the figure as PNG and PDF and return the files; same data give the same bytes.
 
     Args:
-        figure: drawn.
         out: file name, ending .png, .pdf or without ending.
-
-    Returns:
-        The files written.
-
-    Raises:
-        UserError: `out` ends otherwise.
     """
     if out.suffix not in (*FORMATS, ""):
         raise UserError(f"--out {out}: name a .png or .pdf file, both are written")
@@ -119,11 +112,7 @@ def write_caption(caption: Caption, folder: Path) -> Path:
 
 
 def read_caption(folder: Path, figure: str) -> Caption:
-    """The caption of a figure that `minirobots figures` wrote.
-
-    Raises:
-        UserError: there is none, or it is damaged.
-    """
+    """The caption of a figure that `minirobots figures` wrote."""
     fix = f"draw it with `minirobots figures {figure} --out {folder}`"
     kind = Kind("caption of a figure", fix)
     return read_json(folder / f"{figure}.json", kind, Caption)

@@ -71,12 +71,7 @@ def caption(rows: list[Row]) -> Caption:
 
 
 def make(results: Path) -> Drawing:
-    """Draw the figure of a results folder.
-
-    Raises:
-        UserError: there is no such result, or it is damaged.
-        UserError: it has no row with episodes.
-    """
+    """Draw the figure of a results folder."""
     report: TransferReport = read_result("transfer", results, TransferReport)
     rows = [row for row in report.rows if row.success is not None]
     if not rows:

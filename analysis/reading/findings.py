@@ -38,7 +38,6 @@ class Finding(msgspec.Struct, frozen=True):
     Attributes:
         kind: such as "near miss".
         where: robot, pair of robots or part of one.
-        text: as text.
         time_s: when to look at the recording; None if it is about all of it.
         numbers: what the text says, for programs.
         wrong: whether it looks wrong; robots that reach their targets also slide, lift their feet,

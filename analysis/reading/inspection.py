@@ -13,16 +13,7 @@ SCHEMA_VERSION = 1
 
 
 class SignalStatistics(msgspec.Struct, frozen=True):
-    """Statistics of a component of a signal; None where nothing finite is recorded.
-
-    Attributes:
-        signal: its path.
-        component: name, or number.
-        unit: of the values.
-        samples: their number.
-        period_s: time between two samples, as far as the gaps between bursts do not matter.
-        minimum, mean, maximum, deviation: of the values.
-    """
+    """Statistics of a component of a signal; None where nothing finite is recorded."""
 
     signal: str
     component: str
@@ -48,17 +39,10 @@ class Inspection(msgspec.Struct, frozen=True):
     """Everything that `minirobots inspect` prints.
 
     Attributes:
-        recording: path of the file.
-        recording_id: Rerun's.
         complete: whether its writer came to the end.
         outcome: of the episode, None if the recording ends before it.
-        time_s: simulated.
-        facts: what was run.
         parameters: value, unit, description and source of each, by name.
-        robots: by name.
         signals: a row per component.
-        findings: what stands out, and whether it looks wrong.
-        schema_version: of this record.
     """
 
     recording: str

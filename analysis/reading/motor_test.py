@@ -36,11 +36,7 @@ SIGNALS = Response._fields[1:]  # entities below /sim/<loop>
 
 
 def read(path: Path) -> dict[str, Response]:
-    """Signals of a recording, by loop.
-
-    Raises:
-        UserError: there is no such recording, or it is none of a motor test.
-    """
+    """Signals of a recording, by loop."""
     try:
         signals = read_rrd(path).signals
         return {loop: _response(signals, loop) for loop in LOOPS}

@@ -93,10 +93,7 @@ RESULTS: dict[str, Result] = {
             "platform", "platform of one degree of freedom (Fig. 3)", "platform.npz", "platform"
         ),
         Result(
-            "motor_test",
-            "motor in open and closed loop (Fig. 7)",
-            "motor_test.rrd",
-            "motor-test",
+            "motor_test", "motor in open and closed loop (Fig. 7)", "motor_test.rrd", "motor-test"
         ),
         Result(
             "calibration",
@@ -147,22 +144,14 @@ def recordings(name: str, results: Path) -> list[Path]:
 
 
 def read_result(name: str, results: Path, form: Any) -> Any:
-    """Return a result's JSON file as a record of a type.
-
-    Raises:
-        UserError: there is no such result, or it is damaged or of another command.
-    """
+    """Return a result's JSON file as a record of a type."""
     result = RESULTS[name]
     kind = Kind(f"result of `minirobots {result.maker}`", f"run `{result.command(results)}`")
     return read_json(result.proof_in(results), kind, form)
 
 
 def read_experiment(name: str, results: Path) -> "ExperimentResult":
-    """Description of an experiment by `minirobots experiments`.
-
-    Raises:
-        UserError: there is no such result, or it is of another experiment.
-    """
+    """Description of an experiment by `minirobots experiments`; refuse that of another one."""
     from agent.experiments.results import ExperimentResult  # noqa: PLC0415 - slow to import
 
     content = read_result(name, results, ExperimentResult)

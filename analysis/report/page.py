@@ -5,11 +5,11 @@ The page stands in a folder with its figures and opens from disk.
 
 import shutil
 from collections.abc import Iterable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jinja2
-import msgspec
 
 from agent.evaluation.rows import METHOD, MU, PATH_RATIO, SCENARIO, SHIELD, rate_column
 from agent.evaluation.series import RunSummary
@@ -37,7 +37,6 @@ from cosim.model.params import SPEED_NOISE, TABLE_I, TIMING
 from cosim.model.scenario_file import PAPER, find_scenario
 
 PAGE, CLAIMS = "index.html", "claims.json"
-
 # Column, measure of `agent.mdp.exact`, digits, factor, unit.
 _MEASURES = (
     ("success", "success", 1, 100.0, " %"),
@@ -65,20 +64,11 @@ _UNMEASURED = (
 )
 
 
-class ClaimRow(msgspec.Struct, frozen=True):
-    """A row of the table of claims, and a record of `claims.json`; figure is empty if none."""
-
-    figure: str
-    paper: str
-    ours: str
-    verdict: str
-
-
-def claim_rows(captions: Iterable[Caption]) -> list[ClaimRow]:
-    """Return the claims of the paper in its order, by the captions of the figures drawn."""
+def claim_rows(captions: Iterable[Caption]) -> list[dict[str, str]]:
+    """Return the claims of the paper in its order, each with its figure, "" if it has none."""
     claims = [(caption.figure, claim) for caption in captions for claim in caption.claims]
     claims += [("", claim) for claim in _UNMEASURED]
-    return [ClaimRow(figure, c.paper, c.ours, c.verdict) for figure, c in claims]
+    return [{"figure": figure} | asdict(claim) for figure, claim in claims]
 
 
 def learning_tables(results: Path) -> list[ReportTable]:
@@ -194,12 +184,7 @@ def parameter_table() -> ReportTable:
 
 
 def write_report(results: Path, figures: Path, out: Path) -> Path:
-    """Write the page and what it needs from folders of results and figures, and return it.
-
-    Raises:
-        UserError: there is no results folder.
-        FileError: a result is damaged.
-    """
+    """Write the page and what it needs from folders of results and figures, and return it."""
     if not results.is_dir():
         raise UserError(f"{results}: no such folder; make results with `minirobots reproduce`")
     timings = read_timings(results)
