@@ -188,10 +188,6 @@ class _Inlined:
     """A function that kernels take in; called from Python it is a kernel, made at the first call.
 
     Few ever are: compiling what would unpack their arguments makes the first command 28 % slower.
-
-    Attributes:
-        py_func: the function.
-        dispatcher: of numba, for kernels.
     """
 
     def __init__(self, function: Callable) -> None:

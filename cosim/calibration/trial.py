@@ -44,7 +44,6 @@ class Trial:
         commands: (N, COMMAND_SIZE), layout in `cosim.onboard.steering`.
         estimates: (N, ESTIMATE_SIZE), layout in `cosim.onboard.estimation`.
         origins_m: (N, 2) where each robot was put.
-        time_s: simulated time.
     """
 
     def __init__(

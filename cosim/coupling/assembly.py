@@ -313,7 +313,7 @@ class SpeedNoise:
         children = range(robots * len(MOTOR_NAMES))
         self._generators = [generator(seed, child) for child in children]
         self._amplitude = config.noise.relative_amplitude
-        self._hold = config.periods_per_noise_value
+        self._hold = round(config.noise.hold_s / config.timing.control_period_s)
         self._held = np.empty((0, len(children)))  # periods that the last values have left
 
     def draw(self, periods: int) -> np.ndarray:

@@ -47,8 +47,6 @@ class NotFiniteError(UserError):
     """A signal that is no finite number, at the first tick at which it is none.
 
     Attributes:
-        signal: its name, the first in the order of cause and effect.
-        column: of the robot.
         tick: of the advance, from 0.
     """
 

@@ -73,12 +73,6 @@ class CoSimConfig:
         robot: body, feet and floor; its diameter is the scenario's, see `sized`.
         motor: eccentric masses for Eq. (3), and parameters of the FMU where they differ from
             Table II.
-        noise: of the speed measurement.
-        timing: clock, decisions and limits.
-        steering: speeds and gains.
-        estimator: of the filter that robots see the camera through.
-        reaction: the paper neglects it.
-        portable: see `cosim.physics.trig`.
         on_collision: as does entering another robot's target cell: end the episode, or push on.
         world: floor, motors, load and camera; its `mu` and speed noise are in `robot` and `noise`,
             its obstacles in the scenario.
@@ -87,7 +81,6 @@ class CoSimConfig:
             (`cosim.onboard.yielding`). None for no shield.
         open_loop: motors get the voltage that gives their set point in the mean instead of the loop
             of Eq. (14), and robots keep no course while they drive.
-        preset: see `cosim.model.preset`.
         sources: of parameters that were set, as (name, text), see `merged`; UNKNOWN for one that
             the motor FMU does not expose. They do not matter for equality.
         motor_parameters: values that every motor FMU is given, by name, in addition to what differs
@@ -230,15 +223,6 @@ class CoSimConfig:
         kept = tuple((name, text) for name, text in self.sources if name not in left)
         return replace(self, world=IDEAL, sources=kept).merged(world.tree())
 
-    def require_known(self, what: str, *names: str) -> None:
-        """Refuse motors of which a parameter is unknown."""
-        lacking = [n for n, text in self.sources if text.startswith(UNKNOWN) and n in names]
-        if lacking:
-            raise ConfigError(
-                f"the motor FMU does not expose {', '.join(lacking)}, which {what} needs; "
-                "export it with them"
-            )
-
     @property
     def lift_off_rad_s(self) -> float:
         """Motor speed that lifts the robot with its payload off a level floor."""
@@ -263,11 +247,6 @@ class CoSimConfig:
     def periods_per_step(self) -> int:
         """Control periods per RL step."""
         return round(self.timing.rl_step_s / self.timing.control_period_s)
-
-    @property
-    def periods_per_noise_value(self) -> int:
-        """Number of control periods of one noise value."""
-        return round(self.noise.hold_s / self.timing.control_period_s)
 
     def leaves(self) -> dict[str, Leaf]:
         """Return every parameter by its name, with its own source.

@@ -48,7 +48,6 @@ class Preset(NamedTuple):
 
     Attributes:
         name: what `--preset` calls it, or the file's name without its ending.
-        source: of the machine, for people.
         tree: what the machine states, by the names of `CoSimConfig.table`.
     """
 

@@ -93,11 +93,7 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     0.3
 
     Attributes:
-        mu: Coulomb friction coefficient of the floor.
-        mu_patches: cells with another one.
-        motor_spread: of every motor's own parameters.
         motor_speed_noise: half width of the uniform noise on measured speeds over the set point.
-        floor_tilt_deg: every episode draws where the floor falls.
         payload_offset_mm: of the payload, forwards and to the left of the robot's axis.
         motor_phases_deg: angles at which the motors begin, r1.D, r1.E, r2.D and so on; 0, and by
             default all, with the eccentric mass straight down.
@@ -177,15 +173,11 @@ def parameter_name(table: str, name: str) -> str:
 
 
 class Drawn(msgspec.Struct, frozen=True):
-    """Values that an episode has drawn from its world.
+    """Values that an episode has drawn from its world."""
 
-    Attributes:
-        motors: of every robot motors D and E, with their own K_T, R, J and r.
-        tilt_direction_deg: where the floor falls, counter-clockwise from +x.
-    """
-
+    # Of every robot motors D and E, with their own K_T, R, J and r
     motors: tuple[tuple[MotorParams, MotorParams], ...]
-    tilt_direction_deg: float
+    tilt_direction_deg: float  # where the floor falls, counter-clockwise from +x
 
     def table(self) -> dict[str, dict[str, float]]:
         """Return what summaries list: K_T, R, J and r of every motor, and the slope."""

@@ -73,13 +73,7 @@ class EpisodeRecorder:
     end.
 
     Args:
-        path: of the recording, or what keeps it in memory.
         config: parameters; its `burst_s` should be that of the level.
-        recording_id: identity of the recording; equal runs use equal ones.
-        facts: what identifies the run, as JSON can hold it, for properties and `/info/run`.
-        viewer: address of a running viewer that gets the same data, if any.
-        policies: what each robot's policy says of each cell, to be drawn on the floor.
-        drawn: what the episode has drawn from its world, if that draws anything.
         sampled: indices of the robots whose signals steps have; by default `sampled_of`. If these
             are not all, of the others the poses are recorded, together in one entity.
     """

@@ -91,7 +91,6 @@ class Batch:
     """Places for K episodes of N robots each, advanced together in RL steps.
 
     Attributes:
-        episodes: K of them, None where none has begun.
         state: variables of all columns; another record after `begin` and `set_state`.
     """
 

@@ -54,13 +54,8 @@ class RunningEpisode:
 
     Attributes:
         drawn: what the episode has drawn from its world.
-        outcome: RUNNING before its end.
-        time_s: simulated time.
-        observation: what a policy sees now.
-        measures: so far.
         sampled: indices of the robots with kept signals.
         conflicts: decisions that the shield changed.
-        noise: of the speed measurement.
     """
 
     def __init__(

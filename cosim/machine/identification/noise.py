@@ -17,15 +17,12 @@ _LEAST_VARIANCE = 1e-14  # of a frame in m² or rad², where a track has no nois
 
 
 class Noise(NamedTuple):
-    """Model of the difference of tracks (n, 3) from a simulation with the right parameters.
+    """Model of the difference of tracks (n, 3) from a simulation with the right parameters."""
 
-    Attributes:
-        position_m, heading_rad: standard deviations of the camera, x and y each.
-        position_drift_m2_s, heading_drift_rad2_s: growth of the variance of a driven pose.
-    """
-
+    # position_m, heading_rad: standard deviations of the camera, x and y each
     position_m: float
     heading_rad: float
+    # position_drift_m2_s, heading_drift_rad2_s: growth of the variance of a driven pose
     position_drift_m2_s: float
     heading_drift_rad2_s: float
 

@@ -48,23 +48,18 @@ _SHAPE = 6
 
 
 class RobotParameter(NamedTuple):
-    """A parameter that is identified.
-
-    Attributes:
-        name: of a field of `RobotParams`, or as below.
-        unit, scale: for people, and how many of it are one of the SI unit.
-        spread: standard deviation around the usual value before anything is measured (assumed), in
-            SI units as what follows.
-        step: of its difference quotients.
-        low, high: bounds; the circle of the feet is within the robot too.
-    """
+    """A parameter that is identified."""
 
     name: str
     description: str
+    # unit, scale: for people, and how many of it are one of the SI unit
     unit: str
     scale: float
+    # Standard deviation around the usual value before anything is measured (assumed), in SI units
+    # as what follows
     spread: float
-    step: float
+    step: float  # of its difference quotients
+    # low, high: bounds; the circle of the feet is within the robot too
     low: float
     high: float
 
@@ -126,18 +121,12 @@ class Simulated:
 
     Their motors have speed noise of their own: without any, robots near the speed at which they
     begin to move would seem to stand on a more slippery floor.
-
-    Attributes:
-        speeds: (P + 1, 2) of the motors in rad/s, with noise.
-        smooth: (P + 1, 2) the same without.
-        times: (n,) of the frames in s.
-        config: clock, and what of robot and motors is not identified.
     """
 
-    speeds: np.ndarray
-    smooth: np.ndarray
-    times: np.ndarray
-    config: CoSimConfig
+    speeds: np.ndarray  # (P + 1, 2) of the motors in rad/s, with noise
+    smooth: np.ndarray  # (P + 1, 2) the same without
+    times: np.ndarray  # (n,) of the frames in s
+    config: CoSimConfig  # clock, and what of robot and motors is not identified
 
     @cached_property
     def usual(self) -> np.ndarray:

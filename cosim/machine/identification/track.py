@@ -48,17 +48,11 @@ _KIND = Kind("track", "record it again, see docs/own.md")
 
 
 class SeenTrack(NamedTuple):
-    """Observed poses and commanded motor speeds.
+    """Observed poses and commanded motor speeds."""
 
-    Attributes:
-        times: (n,) of the frames in s, from 0, increasing.
-        poses: (n, 3) x and y of the robot's axis in m, heading in rad, continuous.
-        commands: (n, 2) set points of motors D and E in rad/s, each until the next frame.
-    """
-
-    times: np.ndarray
-    poses: np.ndarray
-    commands: np.ndarray
+    times: np.ndarray  # (n,) of the frames in s, from 0, increasing
+    poses: np.ndarray  # (n, 3) x and y of the robot's axis in m, heading in rad, continuous
+    commands: np.ndarray  # (n, 2) set points of motors D and E in rad/s, each until the next frame
 
     def set_points(self, period_s: float) -> np.ndarray:
         """Set points (P, 2) of every control period until the last frame."""

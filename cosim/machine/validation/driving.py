@@ -30,13 +30,9 @@ PARAMETERS = ("mu", "m r", "mass_kg", "com_height_m", "foot_radius_m", "motor_ra
 
 
 class MeasuredSpeed(NamedTuple):
-    """One manoeuvre at one motor speed, over the uncontrolled phases between the motors.
+    """One manoeuvre at one motor speed, over the uncontrolled phases between the motors."""
 
-    Attributes:
-        mean, least, largest: speed in m/s or yaw rate in rad/s, positive towards the manoeuvre.
-        airborne_share: mean share of the time in which no foot touched the floor.
-    """
-
+    # mean, least, largest: speed in m/s or yaw rate in rad/s, positive towards the manoeuvre
     mean: float
     least: float
     largest: float
