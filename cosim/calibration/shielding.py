@@ -206,9 +206,7 @@ def with_stopping_distance(
     with under_way(progress, "measuring errors of estimates"):
         drift, deviations, deviation_m = _kept(best_filter, seen, motor_fmu)
     config = config.having(
-        "measured",
-        deviations=math.ceil(100.0 * deviations) / 100.0,
-        position_drift_m2_s=drift,
+        "measured", deviations=math.ceil(100.0 * deviations) / 100.0, position_drift_m2_s=drift
     )
     assert config.shield is not None
     gap_m = stopping_gap(math.sqrt(2.0) * deviation_m, config.shield)

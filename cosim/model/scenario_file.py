@@ -13,15 +13,7 @@ from cosim.base.arguments import validate_argument
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, naming, read_toml
 from cosim.model.params import TABLE_I
-from cosim.model.scenario import (
-    MAX_ROBOTS,
-    MAX_SIDE_CELLS,
-    Cell,
-    Scenario,
-    Side,
-    filled,
-    sides,
-)
+from cosim.model.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario, Side, filled, sides
 from cosim.model.swarm import Swarm, lay_out
 from cosim.model.world import IDEAL, Rectangle, World
 

@@ -71,12 +71,7 @@ def find_near_pairs(
 
 @inlined
 def push_apart(
-    bodies: np.ndarray,
-    properties: np.ndarray,
-    a: int,
-    b: int,
-    pair: PairParams,
-    inverse_dt: float,
+    bodies: np.ndarray, properties: np.ndarray, a: int, b: int, pair: PairParams, inverse_dt: float
 ) -> float:
     """Apply the contact impulse between two robots, in place.
 

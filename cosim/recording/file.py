@@ -69,10 +69,7 @@ class Kept:
         self.send([Chunk.from_property(name, rr.AnyValues(**plain))])
 
     def columns(
-        self,
-        entity: str,
-        times: Iterable[rr.TimeColumn],
-        columns: Iterable[rr.ComponentColumn],
+        self, entity: str, times: Iterable[rr.TimeColumn], columns: Iterable[rr.ComponentColumn]
     ) -> None:
         """Take rows of one entity, one per time; `send_rows` makes a chunk of them."""
         self._gathered.setdefault(entity, []).append(Chunk.from_columns(entity, times, columns))

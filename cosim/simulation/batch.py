@@ -15,13 +15,7 @@ import numpy as np
 
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.errors import UserError, shorten
-from cosim.coupling.assembly import (
-    Motors,
-    check_motors,
-    new_plant,
-    robot_properties,
-    why_not_fmpy,
-)
+from cosim.coupling.assembly import Motors, check_motors, new_plant, robot_properties, why_not_fmpy
 from cosim.coupling.master import (
     CompiledDriver,
     Driver,

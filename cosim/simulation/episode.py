@@ -23,12 +23,7 @@ from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator
 from cosim.onboard.camera import camera_of, draw_sight
 from cosim.onboard.estimation import POSE
-from cosim.onboard.features import (
-    DIRECTION_COUNT,
-    DIRECTIONS,
-    Observation,
-    distance_thresholds,
-)
+from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS, Observation, distance_thresholds
 from cosim.onboard.observing import cells_of, nearest_squared, observe
 from cosim.onboard.shield import PARKED, STOPS, plan_margin
 from cosim.onboard.steering import (

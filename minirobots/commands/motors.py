@@ -395,9 +395,7 @@ class IdentifyRobot(Command):
         assert self.track is not None
         track, preset = read_track(self.track, self.board), find_preset(self.preset)
         physics = Physics(
-            preset=self.preset,
-            motor_fmu=self.motor_fmu,
-            motor_parameters=self.motor_parameters,
+            preset=self.preset, motor_fmu=self.motor_fmu, motor_parameters=self.motor_parameters
         )
         fmu, config, out = physics.fmu(progress), physics.config(), self.out
         report = identify(track, self.track.name, preset, config, fmu, out, progress)

@@ -10,12 +10,7 @@ from cosim.calibration.measuring import AHEAD, AIRBORNE, TURNING, Point, measure
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.fmi.motor import MotorFmu
-from cosim.machine.platform.motion import (
-    drift_speed,
-    lift_off_speed,
-    robot_platform,
-    sensitivities,
-)
+from cosim.machine.platform.motion import drift_speed, lift_off_speed, robot_platform, sensitivities
 from cosim.machine.validation.published import Legs
 from cosim.model.config import CoSimConfig
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
@@ -104,13 +99,7 @@ def closed_form(config: CoSimConfig, omega_rad_s: float) -> dict[str, float]:
 
 
 def drive_by_the_clock(
-    config: CoSimConfig,
-    fmu: MotorFmu,
-    legs: Legs,
-    robots: int,
-    seed: int,
-    *,
-    dithered: bool,
+    config: CoSimConfig, fmu: MotorFmu, legs: Legs, robots: int, seed: int, *, dithered: bool
 ) -> np.ndarray:
     """Displacement (robots, 3) in m, x along the first heading, and turned angle in rad.
 
