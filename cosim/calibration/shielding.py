@@ -146,10 +146,7 @@ def stopping_distance(config: CoSimConfig, fmu: MotorFmu) -> tuple[float, float]
 
 
 def _reduced(config: CoSimConfig, *fields: str) -> CoSimConfig:
-    """Return a configuration without what decides nothing here, and with these fields of its world.
-
-    So that the measurement is found again: decisions, limits and names decide nothing.
-    """
+    """Return a configuration without what decides nothing here, so that results are found again."""
     clock = ("dt_s", "communication_step_s", "control_period_s")
     return replace(
         config,

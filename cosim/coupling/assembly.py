@@ -62,11 +62,7 @@ def robot_properties(
     gravity: Vector | None = None,
     motors: tuple[MotorParams, MotorParams] | None = None,
 ) -> np.ndarray:
-    """Return the properties of a robot in its world: its column of `State.properties`.
-
-    Args:
-        gravity: in the frame of the floor, m/s²; default that of a level one.
-    """
+    """Return a robot's column of `State.properties`; gravity (m/s²) in the frame of the floor."""
     motor_d, motor_e = motors or (config.motor, config.motor)
     robot, dt_s = config.robot, config.timing.dt_s
     return properties_of(

@@ -212,10 +212,9 @@ def run_periods(
     calls: Calls,
     width: Width,
 ) -> tuple[int, int]:
-    """The loop of `CompiledDriver`; arguments as for `Driver.advance`.
+    """The loop of `CompiledDriver`: `Driver.advance`.
 
-    Returns:
-        The fmi3Status of a failed call and its instance's index; or NOT_FINITE and the tick.
+    Returns the fmi3Status of a failed call and its instance's index; or NOT_FINITE and the tick.
     """
     dt, count = plant.body.dt, plant.ticks_per_step
     instances, lanes = calls.instances.shape[0], len(width)

@@ -249,10 +249,7 @@ class CoSimConfig:
         return round(self.timing.rl_step_s / self.timing.control_period_s)
 
     def leaves(self) -> dict[str, Leaf]:
-        """Return every parameter by its name, with its own source.
-
-        A value without a recorded source that differs from the default is "given".
-        """
+        """Return every parameter by name with its source; "given" if changed without a record."""
         usual, sources = CoSimConfig()._declared(), dict(self.sources)
         found = {}
         for name, (path, value, quantity) in self._declared().items():

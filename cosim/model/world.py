@@ -189,10 +189,7 @@ class Drawn(msgspec.Struct, frozen=True):
 
 
 def generator(seed: np.random.SeedSequence, child: int) -> np.random.Generator:
-    """Generator of a child of a seed.
-
-    The seed stays as it is: unlike with `seed.spawn`, a second call gives the same generator.
-    """
+    """Generator of a child of a seed; the seed stays as it is, unlike with `seed.spawn`."""
     return np.random.default_rng(
         np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, child))
     )
@@ -219,12 +216,7 @@ def draw_world(
 
 
 def motor_phases(world: World, robots: int) -> np.ndarray:
-    """Angles at which the motors of an episode begin.
-
-    Returns:
-        (N, 2) rad of motors D and E, 0 where the mass hangs straight down; NaN where the world says
-        nothing.
-    """
+    """(N, 2) rad at which motors D and E begin, 0 hanging; NaN where the world says nothing."""
     phases_deg, motors = world.motor_phases_deg, 2 * robots
     if not phases_deg:
         return np.full((robots, 2), np.nan)

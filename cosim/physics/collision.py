@@ -73,15 +73,7 @@ def find_near_pairs(
 def push_apart(
     bodies: np.ndarray, properties: np.ndarray, a: int, b: int, pair: PairParams, inverse_dt: float
 ) -> float:
-    """Apply the contact impulse between two robots, in place.
-
-    Args:
-        bodies: (STATE_SIZE, B).
-        properties: (PROPERTIES, B), see `cosim.physics.properties`.
-
-    Returns:
-        The normal impulse in N s, 0 if they do not touch.
-    """
+    """Apply the contact impulse between two robots, in place; returns its normal part in N s."""
     dx, dy = bodies[X, b] - bodies[X, a], bodies[Y, b] - bodies[Y, a]
     distance = math.sqrt(dx * dx + dy * dy)
     nx, ny = dx / distance, dy / distance  # from a to b; the tangent is (−ny, nx)

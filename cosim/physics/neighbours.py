@@ -79,10 +79,7 @@ def list_by_cells(
 def find_near(lists: np.ndarray, grid: Grid, x: float, y: float) -> int:
     """Write the columns of all places within reach of (x, y), and of some beyond, to row FOUND.
 
-    They begin at the episode's first column and ascend.
-
-    Returns:
-        Their number.
+    They begin at the episode's first column and ascend. Returns their number.
     """
     if grid.columns * grid.rows == 1:
         return grid.count  # all of them, see `list_by_cells`

@@ -45,10 +45,7 @@ class Line(NamedTuple):
 
 
 class EpisodeLog:
-    """Turns RL steps of all robots, or of those with some indices, into lines.
-
-    It remembers what began in earlier steps.
-    """
+    """Turns RL steps into lines; it remembers what began in earlier ones."""
 
     def __init__(
         self, scenario: Scenario, config: CoSimConfig, sampled: Sequence[int] | None = None

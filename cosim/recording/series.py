@@ -202,11 +202,7 @@ SIGNALS = (
 
 
 def signals_of(*, distances: bool, camera: bool, full: bool = True) -> list[SignalSpec]:
-    """The meaningful ones: no distances of a robot alone, no estimates of exact poses.
-
-    Args:
-        distances: whether there are several robots, all of which are sampled.
-    """
+    """The meaningful ones: `distances` to other robots, estimates only with a camera."""
     return [
         signal
         for signal in SIGNALS
@@ -223,11 +219,7 @@ def robot_names(robots: int | Sequence[int]) -> list[str]:
 
 
 class Stretch:
-    """Samples of consecutive RL steps, one after the other.
-
-    Attributes:
-        time_s: (n,) end of every control period.
-    """
+    """Samples of consecutive RL steps, one after the other, and (n,) ends of their periods."""
 
     def __init__(self, steps: Sequence[Step], timing: TimingParams) -> None:
         ticks = round(timing.control_period_s / timing.dt_s)

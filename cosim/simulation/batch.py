@@ -72,10 +72,7 @@ def chosen_driver(name: str | None, motor_fmu: Path, config: CoSimConfig) -> str
 
 
 def shared(config: CoSimConfig) -> tuple[Any, ...]:
-    """Return what all episodes of a batch must share of a configuration.
-
-    That is all but the world, the floor's friction and the speed noise.
-    """
+    """Return what a batch must share: all but the world, the floor's friction, the speed noise."""
     own = ("robot", "noise", "world", "preset", "sources")
     same = [value for name, value in vars(config).items() if name not in own]
     return config.robot._replace(mu=0.0), config.noise.hold_s, *same

@@ -93,8 +93,7 @@ def identify(
 ) -> Identification:
     """Identify a robot, and write identification.json, preset.toml, report.md and the drawing.
 
-    Args:
-        preset: what is not identified, and the usual values of what is.
+    `preset` is what is not identified, and the usual values of what is.
     """
     config = with_motor(config, fmu)
     set_points = track.set_points(config.timing.control_period_s)

@@ -141,11 +141,7 @@ class Simulated:
         return limits
 
     def frames(self, values: np.ndarray) -> np.ndarray:
-        """What the camera would see from the origin, heading along +x, by parameters (C, 8).
-
-        Returns:
-            (n, C, 3) x and y in m, heading in rad.
-        """
+        """(n, C, 3) m, m and rad seen from the origin, heading along +x, by parameters (C, 8)."""
         machines = [self._machine(row) for row in values]
         distinct = list(dict.fromkeys(machines))  # another delay asks for no simulation of its own
         seen = self._tracks(distinct, self.speeds)

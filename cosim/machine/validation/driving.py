@@ -37,10 +37,7 @@ class MeasuredSpeed(NamedTuple):
 def measured_speed(
     config: CoSimConfig, fmu: MotorFmu, manoeuvre: str, omega_rad_s: float, phases: int
 ) -> MeasuredSpeed:
-    """Co-simulate robots at constant set points, without the steering's dither.
-
-    Motors have so many phases between them, evenly over a turn.
-    """
+    """Co-simulate robots at constant set points, without dither, phases evenly over a turn."""
     d, e = MANOEUVRES[manoeuvre]
     points = [
         Point(d * omega_rad_s, e * omega_rad_s, phase, dithered=False)
