@@ -165,7 +165,8 @@ def test_the_recorded_greedy_action_is_what_the_policy_chose():
 
 
 def test_methods_are_told_and_train_however_often_they_are_asked_for(policy):
-    assert set(agent.methods()) == {"paper", "moves", "shortest", "fastest", "planned"}
+    built_in = {name for name in agent.methods() if ":" not in name}
+    assert built_in == {"paper", "moves", "shortest", "fastest", "planned"}
     again = agent.train("1a", method="paper", episodes=20_000)
     assert again.digest() == policy.digest()
 
@@ -225,7 +226,7 @@ def test_simulate_refuses_what_it_does_not_know(policy, message, name, value):
     [
         ({"scenario": "7"}, "unknown scenario '7'"),
         ({"method": "luck"}, "'luck' is unknown; choose one of paper, moves"),
-        ({"method": ["paper"]}, "method = .* is invalid: expected str"),
+        ({"method": ["paper"]}, "method = .* is unknown; choose one of paper"),
         ({"motor_fmu": "my.fmu"}, "motor_fmu has no effect .* method paper"),
         ({"motor_parameters": {"J": 5e-9}}, "motor_parameters has no effect .* paper"),
         ({"motor_parameters": {"J": "heavy"}, "method": "moves"}, "motor_parameters"),

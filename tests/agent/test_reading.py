@@ -149,12 +149,6 @@ def test_what_is_no_such_file_is_named(seeds, tmp_path, kind, make, said):
         read(wrong)
 
 
-def npz(path, header):
-    with zipfile.ZipFile(path, "w") as archive:
-        content = b"\x93NUMPY\1\0" + len(header).to_bytes(2, "little") + header.encode()
-        archive.writestr("a.npy", content + b"12345678")
-
-
 @pytest.mark.parametrize(
     "header",
     [
@@ -168,8 +162,9 @@ def npz(path, header):
     ],
 )
 def test_arrays_that_claim_another_size_are_refused(tmp_path, header):
-    path = tmp_path / "a.npz"
-    npz(path, header)
+    path, size = tmp_path / "a.npz", len(header).to_bytes(2, "little")
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("a.npy", b"\x93NUMPY\1\0" + size + header.encode() + b"12345678")
     with pytest.raises(UserError, match="not a file or damaged"):
         read_arrays(path, ANY, ["a"])
 
@@ -200,7 +195,7 @@ def test_arrays_are_read_as_they_were_written(tmp_path):
         lambda p: p.write_bytes(b""),
         lambda p: p.write_bytes(p.read_bytes()[:-50]),
         lambda p: p.write_bytes(os.urandom(500)),
-        lambda p: p.write_bytes(flipped(p.read_bytes())),
+        lambda p: p.write_bytes(bytes(b ^ (k == 200) for k, b in enumerate(p.read_bytes()))),
         lambda p: p.write_bytes(b'{"steps": []}'),
         lambda p: np.savez(p, steps=np.zeros(3)),
     ],
@@ -218,11 +213,6 @@ def test_damaged_optima_are_computed_again(tmp_path, caplog, damage):
     assert path.read_bytes() == content
 
 
-def flipped(content):
-    middle = len(content) // 2
-    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
-
-
 @pytest.mark.usefixtures("fresh_cache")
 def test_a_folder_in_the_cache_is_told_before_anything_is_computed(tmp_path):
     process = build_process(SMALL, ProcessConfig())
@@ -232,13 +222,10 @@ def test_a_folder_in_the_cache_is_told_before_anything_is_computed(tmp_path):
     path.mkdir()
     with pytest.raises(UserError, match="a folder is where this file goes"):
         optimum(process)
-    *_, policy = find_or_make(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)))
+    config, seen = PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)), []
+    *_, policy = find_or_make(config)
     policy.unlink()
     policy.mkdir()
-    seen = []
     with pytest.raises(UserError, match="a folder is where this file goes"):
-        find_or_make(
-            PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)),
-            progress=lambda *now, **_: seen.append(now),
-        )
+        find_or_make(config, progress=lambda *now, **_: seen.append(now))
     assert not seen

@@ -29,18 +29,12 @@ def spawn(out, *arguments):
     )
 
 
-def arrays(path):
-    with np.load(path) as file:
-        return {name: file[name] for name in file.files}
-
-
 def same_files(a, b):
     for name in ("policy.npz", "training.npz"):
-        left, right = arrays(a / name), arrays(b / name)
-        assert left.keys() == right.keys()
-        for key in left:
-            equal_nan = left[key].dtype.kind == "f"
-            assert np.array_equal(left[key], right[key], equal_nan=equal_nan), (name, key)
+        with np.load(a / name) as left, np.load(b / name) as right:
+            assert left.keys() == right.keys()
+            for key, array in left.items():
+                np.testing.assert_array_equal(array, right[key], f"{name} {key}")
 
 
 def test_train_then_evaluate(command, tmp_path):

@@ -132,16 +132,7 @@ def test_some_signals_at_some_rate(command, recording, episode, tmp_path):
     for kind, read in READERS.items():
         out = tmp_path / f"e.{kind}"
         run = command(
-            "export",
-            recording,
-            "--to",
-            kind,
-            "--out",
-            out,
-            "--rate",
-            "20",
-            "--signals",
-            *names,
+            "export", recording, "--to", kind, "--out", out, "--rate", "20", "--signals", *names
         )
         assert run.returncode == 0, run.stderr
         found = read(out)

@@ -24,7 +24,6 @@ driven_rows = partial(RobotsVectorEnv, scenario="1a", cosim=True)  # as of `CoSi
 
 
 def test_rows_have_the_bits_of_the_single_environment_and_of_a_restored_one():
-    assert agent.envs
     env = gym.make("MiniRobots/Drive-v0").unwrapped
     check_env(env, skip_render_check=True)
     many = gym.make_vec("MiniRobots/Drive-v0", num_envs=2).unwrapped

@@ -48,38 +48,27 @@ def test_claims_are_read():
     assert claim_of(None, None) is None
 
 
+NO_CLAIMS = (
+    "", "collision", "collision <= 0.1", "crash < 0.1", "0.1 > collision", "collision < 1e-9",
+    "success > 1", "collision < nan", "collision < -1", "collision < 1e-3 or so", "running < 1",
+)  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    "text",
+    ("text", "confidence", "message"),
     [
-        "",
-        "collision",
-        "collision <= 0.1",
-        "crash < 0.1",
-        "0.1 > collision",
-        "collision < 1e-9",
-        "success > 1",
-        "collision < nan",
-        "collision < -1",
-        "collision < 1e-3 or so",
-        "running < 1",
+        *((text, None, "claim") for text in NO_CLAIMS),
+        *((TEXT, value, "must be above 0 and below 1") for value in (0.0, 1.0, -0.1, 99.9, np.nan)),
     ],
 )
-def test_what_is_no_claim_is_refused(text):
-    with pytest.raises(UserError, match="claim"):
-        claim_of(text, None)
-
-
-@pytest.mark.parametrize("confidence", [0.0, 1.0, -0.1, 99.9, float("nan")])
-def test_a_confidence_is_between_0_and_1(confidence):
-    with pytest.raises(UserError, match=r"confidence = .* must be above 0 and below 1"):
-        claim_of(TEXT, confidence)
+def test_what_is_no_claim_and_no_confidence_is_refused(text, confidence, message):
+    with pytest.raises(UserError, match=message):
+        claim_of(text, confidence)
 
 
 def test_options_that_cannot_be_are_refused(tmp_path, monkeypatch, command):
     for options in (("--confidence", 0.9), ("--claim", TEXT, "--confidence", 1.0)):
-        done = command(
-            "evaluate", "shortest", "--scenario", "1a", *options, "--out", tmp_path / "o"
-        )
+        done = command("evaluate", "shortest", "--scenario", "1a", *options, "--out", tmp_path)
         assert done.returncode == 2
         assert done.stderr.startswith("error: confidence = ")
     monkeypatch.setattr("agent.study.user.measure", lambda *_, **__: pytest.fail("simulated"))
@@ -121,11 +110,7 @@ def test_starts_are_covered_evenly_with_noise_of_their_own(case):
 
 
 class Faked:
-    """Episodes without a simulation, which end in an order of their own.
-
-    Attributes:
-        simulated: numbers of those that were, in that order.
-    """
+    """Episodes without a simulation, which end in an order of their own."""
 
     def __init__(self, failing: set[int], together: int) -> None:
         self.failing, self.together = failing, together

@@ -32,14 +32,6 @@ def test_interval_has_the_width_of_the_normal_one():
     assert (s.high - s.low) / 2.0 == pytest.approx(half, rel=1e-3)
 
 
-def test_runs_without_a_value_are_left_out():
-    s = summarise(np.array([1.0, np.nan, 3.0]))
-    assert (s.mean, s.runs) == (2.0, 2)
-    empty = summarise(np.array([np.nan]))
-    assert empty.runs == 0
-    assert empty.mean is None
-
-
 def test_interval_of_curves_is_that_of_each_point():
     curves = np.random.default_rng(1).random((20, 5))
     curves[3, 2] = np.nan
@@ -81,14 +73,14 @@ def test_runs_of_which_most_agree_have_no_interval(values, known):
     s = summarise(values)
     assert (s.low is not None, s.high is not None) == (known, known)
     assert s.mean == pytest.approx(np.mean(values))
+    some = summarise([*values, np.nan])  # runs without a value are left out
+    assert (some.mean, some.low, some.high, some.runs) == (s.mean, s.low, s.high, len(values))
 
 
-def test_intervals_of_shares_end_at_0_and_1():
-    s = summarise([1.0, 0.99, 0.1], 0.0, 1.0)
+def test_intervals_of_shares_end_at_0_and_1_and_nothing_has_none():
+    s, empty = summarise([1.0, 0.99, 0.1], 0.0, 1.0), summarise(np.array([np.nan]))
     assert (s.low, s.high) == (0.0, 1.0)
-
-
-def test_a_cell_says_that_there_is_no_interval():
+    assert (empty.mean, empty.runs) == (None, 0)
     assert interval_text(Interval(0.5, 0.25, 0.75), 1, 100.0, " %") == "50.0 % [25.0, 75.0]"
     assert interval_text(Interval(-0.5, None, None), 2) == "−0.50 [–]"
     assert interval_text(Interval(None, None, None), 2) == "–"

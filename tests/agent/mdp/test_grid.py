@@ -1,6 +1,8 @@
 """ObservedMoves and rewards against hand-computed ones."""
 
 import math
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from cosim.model.scenario_file import find_scenario
 from cosim.onboard.features import DIRECTIONS, LARGE, MEDIUM, NEAR
 
 E, NE, N, NW, W, SW, S, SE = range(8)
+OBSTACLE_AT_10 = Scenario("b", "", ((25, 25),), (((0, 29),),), obstacles=((10, 10),))
 
 
 def world_at(process, *cells):
@@ -36,20 +39,25 @@ def eq_11(distance_cells, c_or_1):
     return np.float32(-c_or_1 * (1.0 - min(distance_cells, 10.0) / 10.0) - 1.0)
 
 
-def pair(**readings):
-    return build_process(find_scenario("2"), ProcessConfig(**readings))
+def process_of(scenario, **readings):
+    scenario = find_scenario(scenario) if isinstance(scenario, str) else scenario
+    return build_process(scenario, ProcessConfig(**readings))
 
 
+pair = partial(process_of, "2")
+
+
+@pytest.mark.parametrize("diagonal_cost", [1.0, math.sqrt(2)])
 @pytest.mark.parametrize("action", range(8))
-def test_each_direction_moves_one_cell(action):
-    process = build_process(find_scenario("1a"), ProcessConfig())
-    world = world_at(process, (5, 5))
-    assert step(process, world, action) == (RUNNING, [-1.0])
+def test_each_direction_moves_one_cell_at_its_cost(action, diagonal_cost):
+    process = process_of("1a", diagonal_cost=diagonal_cost)
+    world, cost = world_at(process, (5, 5)), diagonal_cost if action % 2 else 1.0
+    assert step(process, world, action) == (RUNNING, [-np.float32(cost)])
     assert world[0, : grid.VX].tolist() == [5 + DIRECTIONS[action, 0], 5 + DIRECTIONS[action, 1]]
 
 
 def test_lone_robot_reaches_goal_and_leaves_board_with_eq_8():
-    process = build_process(find_scenario("1a"), ProcessConfig())
+    process = process_of("1a")
     assert step(process, world_at(process, (15, 19)), S) == (SUCCESS, [100.0])
     for cell, action in [((0, 5), W), ((29, 5), E), ((5, 0), S), ((5, 29), N), ((29, 29), NE)]:
         assert step(process, world_at(process, cell), action) == (OUT_OF_BOARD, [-100.0])
@@ -60,8 +68,8 @@ def test_reward_and_features_when_a_pair_closes_in():
     world = world_at(process, (5, 10), (14, 10))
     assert world[:, grid.CLASS].tolist() == [MEDIUM, MEDIUM]
     outcome, rewards = step(process, world, E, W)  # distance 9 → 7
-    assert outcome == RUNNING
-    assert rewards == [eq_11(7, 1.5)] * 2 == [np.float32(-1.45)] * 2
+    assert (outcome, rewards) == (RUNNING, [eq_11(7, 1.5)] * 2)
+    assert rewards == [np.float32(-1.45)] * 2
     assert world[:, grid.SIGN].tolist() == [-1, -1]
     _, rewards = step(process, world, N, N)  # 7 → 7: not approaching
     assert rewards == [eq_11(7, 1.0)] * 2
@@ -72,12 +80,14 @@ def test_reward_and_features_when_a_pair_closes_in():
     assert world[:, grid.SIGN].tolist() == [1, 1]
 
 
-def test_distance_classes_and_far_robots_cost_nothing():
-    process = pair()
-    for dx, expected in [(6, NEAR), (7, MEDIUM), (10, MEDIUM), (11, LARGE)]:
-        world = world_at(process, (2, 25), (2 + dx, 25))
-        assert world[:, grid.CLASS].tolist() == [expected] * 2
-    assert step(process, world_at(process, (2, 25), (20, 25)), E, W)[1] == [-1.0, -1.0]
+@pytest.mark.parametrize(("dx", "expected"), [(6, NEAR), (7, MEDIUM), (10, MEDIUM), (11, LARGE)])
+def test_distance_classes_and_rewards_of_robots_apart(dx, expected):
+    """What is far costs nothing, and the partner of a robot off the board is paid as ever."""
+    world = world_at(pair(), (2, 25), (2 + dx, 25))
+    assert world[:, grid.CLASS].tolist() == [expected] * 2
+    assert step(pair(), world_at(pair(), (2, 25), (20, 25)), E, W)[1] == [-1.0, -1.0]
+    left = step(pair(), world_at(pair(), (0, 29), (5, 5)), W, E)
+    assert left == (OUT_OF_BOARD, [-100.0, -1.0])
 
 
 def test_contact_fails_both_moving_robots_but_not_a_parked_one():
@@ -89,11 +99,6 @@ def test_contact_fails_both_moving_robots_but_not_a_parked_one():
     outcome, rewards = step(process, world, N, W)  # robot 1 is parked, robot 2 drives into it
     assert (outcome, rewards) == (COLLISION, [0.0, -100.0])
     assert world[:, grid.STATUS].tolist() == [grid.ARRIVED, grid.HIT]
-
-
-def test_partner_of_robot_off_the_board_gets_its_ordinary_reward():
-    outcome, rewards = step(pair(), world_at(pair(), (0, 29), (5, 5)), W, E)
-    assert (outcome, rewards) == (OUT_OF_BOARD, [-100.0, -1.0])
 
 
 def test_arrived_robot_stays_and_success_needs_both():
@@ -114,7 +119,7 @@ def test_target_of_the_other_robot_is_an_obstacle_of_a_cell_or_a_disk():
 
 def test_zone_is_an_obstacle_only_if_asked_but_never_the_own_target():
     assert step(pair(), world_at(pair(), (12, 19), (2, 2)), S, E)[0] == RUNNING
-    closed = build_process(find_scenario("2-zone"), ProcessConfig())
+    closed = process_of("2-zone")
     assert step(closed, world_at(closed, (12, 19), (2, 2)), S, E)[0] == COLLISION
     assert step(closed, world_at(closed, (15, 19), (2, 2)), S, E)[1][0] == 100.0
 
@@ -122,25 +127,14 @@ def test_zone_is_an_obstacle_only_if_asked_but_never_the_own_target():
 def test_swept_collision_sees_robots_that_pass_each_other():
     # robots smaller than a cell that swap their cells are never in contact on a cell's centre
     tiny = Scenario("t", "", ((5, 5), (0, 5)), (((0, 0),), ((9, 9),)), robot_diameter_m=0.009)
-    readings = (ProcessConfig(collision="cells"), ProcessConfig(collision="swept"))
-    for reading, expected in zip(readings, (RUNNING, COLLISION), strict=True):
-        process = build_process(tiny, reading)
+    for reading, expected in (("cells", RUNNING), ("swept", COLLISION)):
+        process = process_of(tiny, collision=reading)
         assert step(process, world_at(process, (3, 3), (4, 3)), E, W)[0] == expected
-
-
-def test_diagonal_cost_applies_to_diagonal_moves_only():
-    process = build_process(find_scenario("1a"), ProcessConfig(diagonal_cost=math.sqrt(2)))
-    world = world_at(process, (5, 5))
-    assert step(process, world, E)[1] == [-1.0]
-    assert step(process, world, NE)[1] == [np.float32(-math.sqrt(2))]
 
 
 @pytest.mark.parametrize(("diameter_m", "reach"), [(0.05, 3), (0.04, 2), (0.009, 0)])
 def test_a_cell_is_blocked_if_a_robot_in_its_middle_touches_an_obstacle(diameter_m, reach):
-    board = Scenario(
-        "b", "", ((25, 25),), (((0, 29),),), obstacles=((10, 10),), robot_diameter_m=diameter_m
-    )
-    process = build_process(board, ProcessConfig())
+    process = process_of(replace(OBSTACLE_AT_10, robot_diameter_m=diameter_m))
     radius = 50.0 * diameter_m  # in cells
     for x in range(30):
         for y in range(30):
@@ -155,10 +149,7 @@ def test_a_cell_is_blocked_if_a_robot_in_its_middle_touches_an_obstacle(diameter
 @pytest.mark.parametrize("reading", ["cells", "swept"])
 def test_swept_collision_sees_corners_that_diagonal_moves_graze(reading):
     """A point-like robot passes from beside an obstacle to above it, over its corner."""
-    board = Scenario(
-        "b", "", ((25, 25),), (((0, 29),),), obstacles=((10, 10),), robot_diameter_m=0.009
-    )
-    process = build_process(board, ProcessConfig(collision=reading))
+    process = process_of(replace(OBSTACLE_AT_10, robot_diameter_m=0.009), collision=reading)
     for start, action in [((11, 10), NW), ((10, 11), SE), ((9, 10), NE), ((10, 9), NE)]:
         outcome, _ = step(process, world_at(process, start), action)
         assert outcome == (COLLISION if reading == "swept" else RUNNING)
@@ -170,9 +161,7 @@ def test_swept_collision_sees_corners_that_diagonal_moves_graze(reading):
 
 def test_only_robots_that_touch_fail():
     starts = (((5, 5),), ((11, 5),), ((25, 5),))
-    process = build_process(
-        Scenario("row", "", ((5, 20), (11, 20), (25, 20)), starts), ProcessConfig()
-    )
+    process = process_of(Scenario("row", "", ((5, 20), (11, 20), (25, 20)), starts))
     world = world_at(process, (5, 5), (11, 5), (25, 5))
     outcome, rewards = step(process, world, E, W, N)
     assert outcome == COLLISION
@@ -187,9 +176,7 @@ def test_only_robots_that_touch_fail():
 def test_leaving_the_board_outranks_a_collision_whoever_does_it(order):
     cells, actions = [(0, 5), (10, 5), (16, 5)], [W, E, W]
     starts = tuple((cells[k],) for k in order)
-    process = build_process(
-        Scenario("row", "", ((5, 20), (11, 20), (25, 20)), starts), ProcessConfig()
-    )
+    process = process_of(Scenario("row", "", ((5, 20), (11, 20), (25, 20)), starts))
     world = world_at(process, *(cells[k] for k in order))
     assert step(process, world, *(actions[k] for k in order))[0] == OUT_OF_BOARD
     expected = [[grid.LEFT, grid.HIT, grid.HIT][k] for k in order]
@@ -199,7 +186,7 @@ def test_leaving_the_board_outranks_a_collision_whoever_does_it(order):
 def test_three_robots_see_the_nearest():
     starts = (((0, 0),), ((10, 0),), ((0, 20),))
     three = Scenario("three", "", ((15, 15), (22, 15), (15, 22)), starts)
-    process = build_process(three, ProcessConfig(features=("x", "y", "d", "g", "b")))
+    process = process_of(three, features=("x", "y", "d", "g", "b"))
     world = world_at(process, (0, 0), (10, 0), (0, 20))
     assert world[:, grid.SQUARED].tolist() == [100, 100, 400]
     assert world[:, grid.BEARING].tolist() == [E, W, S]
@@ -232,7 +219,7 @@ def test_every_state_index_is_a_row_of_its_own():
 
 def test_random_starts_are_uniform_and_free_of_contact():
     close = Scenario("c", "", ((15, 18), (15, 12)), (((0, 0), (9, 0)), ((0, 3), (9, 3))))
-    process = build_process(close, ProcessConfig())
+    process = process_of(close)
     world = np.zeros((2, grid.COLUMN_COUNT), dtype=np.int64)
     cells = np.empty((2, 2), dtype=np.int64)
     random = seeded_state(1)
@@ -285,13 +272,14 @@ def test_unusable_starts_are_refused(change, message):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"slip_probability": 1.5}, {"step_limit": 0}, {"approach_coefficient": 0.5}]
+    ("wrong", "message"),
+    [
+        ({"slip_probability": 1.5}, "slip_probability"),
+        ({"step_limit": 0}, "step_limit"),
+        ({"approach_coefficient": 0.5}, "approach_coefficient"),
+        ({"features": ("d", "g")}, "features = d, g .*lone robot"),
+    ],
 )
-def test_unusable_readings_are_refused(wrong):
-    with pytest.raises(UserError, match=next(iter(wrong))):
-        ProcessConfig(**wrong)
-
-
-def test_features_without_effect_for_a_lone_robot_are_refused():
-    with pytest.raises(UserError, match=r"features = d, g .*lone robot"):
-        build_process(find_scenario("1a"), ProcessConfig(features=("d", "g")))
+def test_unusable_readings_are_refused(wrong, message):
+    with pytest.raises(UserError, match=message):
+        process_of("1a", **wrong)

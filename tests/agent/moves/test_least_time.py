@@ -12,14 +12,7 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
 from agent.mdp.rng import seeded_state
 from agent.moves import kernels
-from agent.moves.model import (
-    KINDS,
-    NO_DIRECTION,
-    Move,
-    ObservedMoves,
-    UserError,
-    build_model,
-)
+from agent.moves.model import KINDS, NO_DIRECTION, Move, ObservedMoves, UserError, build_model
 from agent.moves.times import fastest_tables, least_times, mean_seconds
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig

@@ -30,32 +30,15 @@ from cosim.onboard.features import DIRECTIONS
 from fmus.build import cached_fmu
 
 RL_STEP_S = TIMING.rl_step_s
-SMALL = Scenario(
-    "small",
-    "six columns",
-    targets=((1, 1), (10, 10)),
-    starts=(((1, 10), (2, 10)), ((10, 1), (9, 1))),
-    columns=12,
-    rows=12,
-    zone=(5, 5, 6, 6),
-)
+STARTS = ((1, 10), (2, 10)), ((10, 1), (9, 1))
+SMALL = Scenario("small", "", ((1, 1), (10, 10)), STARTS, columns=12, rows=12, zone=(5, 5, 6, 6))
 
 
 def ideal_moves(duration_s=RL_STEP_S, turn_s=0.0, drift=0.0, stop=0.0):
     """Every kind of move once, heading east or north-east; drift and stop point north-west."""
+    how = turn_s, duration_s, -drift, drift, -stop, stop
     moves = [
-        Move(
-            direction,
-            heading,
-            NO_DIRECTION,
-            *DIRECTIONS[direction].tolist(),
-            turn_s=turn_s,
-            duration_s=duration_s,
-            drift_x=-drift,
-            drift_y=drift,
-            stop_x=-stop,
-            stop_y=stop,
-        )
+        Move(direction, heading, NO_DIRECTION, *DIRECTIONS[direction].tolist(), *how)
         for direction in (0, 1)
         for heading in range(4)
     ]
@@ -68,6 +51,16 @@ def pair_at(process, *cells):
     plans = np.zeros((len(cells), kernels.PLAN_SIZE))
     kernels.reset_plans(build_model(ideal_moves(), 5.0), world, plans, seeded_state(0))
     return world, plans
+
+
+def begun(process, moves, cells, directions):
+    """Robots that have begun a move each; a function that plays RL steps, and their rewards."""
+    model, random, rewards = build_model(moves, 5.0), seeded_state(0), np.zeros(len(cells), "f4")
+    world, plans = pair_at(process, *cells)
+    for robot, direction in enumerate(directions):
+        first = kernels.begin_move(process, model, world, plans, robot, direction, random)
+        assert first == RUNNING
+    return world, plans, lambda: kernels.step(process, model, world, plans, rewards), rewards
 
 
 def test_moves_of_one_step_are_the_grid():
@@ -110,15 +103,12 @@ def test_moves_of_one_step_are_the_grid():
 
 def test_a_robot_turns_then_drives_then_waits():
     process = build_process(find_scenario("1a"), ProcessConfig())
-    model = build_model(ideal_moves(duration_s=7.0, turn_s=3.0, drift=0.1, stop=0.05), 5.0)
-    world, plans = pair_at(process, (5, 5))
-    rewards = np.zeros(1, dtype=np.float32)
-    north = 2
-    assert kernels.begin_move(process, model, world, plans, 0, north, seeded_state(0)) == RUNNING
+    moves, north = ideal_moves(duration_s=7.0, turn_s=3.0, drift=0.1, stop=0.05), 2
+    world, plans, step, _ = begun(process, moves, [(5, 5)], [north])
     positions = []
     for _ in range(4):
         assert not kernels.waits(plans, 0)
-        kernels.step(process, model, world, plans, rewards)
+        step()
         positions.append(plans[0, [kernels.AT_X, kernels.AT_Y]].tolist())
     assert kernels.waits(plans, 0)
     # north-west of a move to the east is south-west of one to the north
@@ -130,26 +120,13 @@ def test_a_robot_turns_then_drives_then_waits():
 
 
 def test_robots_that_meet_between_cells_collide():
-    process = build_process(SMALL, ProcessConfig())
-    model = build_model(ideal_moves(duration_s=4.0), 5.0)
-    world, plans = pair_at(process, (2, 5), (8, 5))
-    random, rewards = seeded_state(0), np.zeros(2, dtype=np.float32)
-    for robot, direction in enumerate((0, 4)):
-        kernels.begin_move(process, model, world, plans, robot, direction, random)
-    assert kernels.step(process, model, world, plans, rewards)[0] == COLLISION
-    assert rewards.tolist() == [-100.0, -100.0]
-
-
-def test_a_bystander_of_a_collision_earns_the_reward_of_its_step():
+    """And a robot apart from them earns the reward of its step."""
     starts = (((2, 5),), ((8, 5),), ((5, 14),))
     three = Scenario("three", "", ((2, 25), (9, 25), (16, 25)), starts)
     process = build_process(three, ProcessConfig())
-    model = build_model(ideal_moves(duration_s=4.0), 5.0)
-    world, plans = pair_at(process, *(cells[0] for cells in starts))
-    random, rewards = seeded_state(0), np.zeros(3, dtype=np.float32)
-    for robot, direction in enumerate((0, 4, 6)):
-        kernels.begin_move(process, model, world, plans, robot, direction, random)
-    assert kernels.step(process, model, world, plans, rewards)[0] == COLLISION
+    cells = [own[0] for own in starts]
+    world, _, step, rewards = begun(process, ideal_moves(duration_s=4.0), cells, (0, 4, 6))
+    assert step()[0] == COLLISION
     assert world[:, grid.STATUS].tolist() == [grid.HIT, grid.HIT, grid.MOVING]
     # closing in: from cell (5, 14) to (2, 5) when it decided, to (3, 5) now
     nearest = math.hypot(2, 9)
@@ -208,11 +185,9 @@ def test_a_robot_whose_centre_passes_through_anothers_target_collides(
 
 def test_a_robot_that_drifts_off_the_board_while_it_turns_is_lost():
     process = build_process(SMALL, ProcessConfig())
-    model = build_model(ideal_moves(3.0 * RL_STEP_S, turn_s=1.5 * RL_STEP_S, drift=2.0), 5.0)
-    world, plans = pair_at(process, (0, 10), (10, 1))
-    rewards = np.zeros(2, dtype=np.float32)
-    kernels.begin_move(process, model, world, plans, 0, 0, seeded_state(0))
-    assert kernels.step(process, model, world, plans, rewards)[0] == OUT_OF_BOARD
+    moves = ideal_moves(3.0 * RL_STEP_S, turn_s=1.5 * RL_STEP_S, drift=2.0)
+    world, _, step, rewards = begun(process, moves, [(0, 10), (10, 1)], [0])
+    assert step()[0] == OUT_OF_BOARD
     assert world[:, grid.STATUS].tolist() == [grid.LEFT, grid.MOVING]
     assert world[0, : grid.Y + 1].tolist() == [0, 11]
     assert rewards[0] == -process.goal_reward
@@ -244,13 +219,9 @@ def test_steps_in_which_nobody_is_asked_pass_at_once(reward_per, shares):
     short = ObservedMoves("", 0, lasting.moves, rl_step_s=0.1)
     earned, passed = [], []
     for observed in (lasting, short):
-        model = build_model(observed, 5.0)
-        world, plans = pair_at(process, (2, 10), (10, 2))
-        random, rewards = seeded_state(0), np.zeros(2, dtype=np.float32)
-        kernels.begin_move(process, model, world, plans, 0, 0, random)
-        kernels.begin_move(process, model, world, plans, 1, 4, random)
+        _, plans, step, rewards = begun(process, observed, [(2, 10), (10, 2)], (0, 4))
         for _ in range(2):
-            outcome, steps = kernels.step(process, model, world, plans, rewards)
+            outcome, steps = step()
             assert outcome == RUNNING
             earned.append(float(rewards[0]))
             passed.append(steps)
@@ -258,18 +229,17 @@ def test_steps_in_which_nobody_is_asked_pass_at_once(reward_per, shares):
     assert passed == [1, 1, 20, 11]
     assert earned[2:] == pytest.approx([shares[0] * earned[0], shares[1] * earned[1]])
     exponents = np.arange(21) / (20.0 if reward_per == "time" else 1.0)
-    assert _discounts(process, model, np.float32(0.9)) == pytest.approx(0.9**exponents, rel=1e-6)
+    assert _discounts(process, build_model(short, 5.0), np.float32(0.9)) == pytest.approx(
+        0.9**exponents, rel=1e-6
+    )
 
 
 def test_rewards_per_distance_pay_for_the_path():
     process = build_process(SMALL, ProcessConfig(reward_per="distance"))
-    model = build_model(ideal_moves(duration_s=4.0, turn_s=2.0), 5.0)
-    world, plans = pair_at(process, (1, 10), (10, 1))  # too far apart to be near
-    random, rewards = seeded_state(0), np.zeros(2, dtype=np.float32)
-    kernels.begin_move(process, model, world, plans, 0, 1, random)
-    kernels.begin_move(process, model, world, plans, 1, 4, random)
+    cells = [(1, 10), (10, 1)]  # too far apart to be near
+    *_, step, rewards = begun(process, ideal_moves(duration_s=4.0, turn_s=2.0), cells, (1, 4))
     for expected in ([0.0, 0.0], [-math.sqrt(2.0), -1.0]):
-        kernels.step(process, model, world, plans, rewards)
+        step()
         assert rewards.tolist() == pytest.approx(expected, abs=1e-6)
 
 
@@ -359,18 +329,14 @@ def test_readings_without_effect_are_refused_by_name(process, on_moves, message,
     assert not out.exists()
 
 
-def test_a_policy_keeps_its_moves(tmp_path):
-    learning = LearningConfig(episodes=10, greedy_points=0)
-    config = PolicyConfig(SMALL, ProcessConfig(), learning, Seed(0), ideal_moves())
+def test_a_policy_and_a_file_keep_moves(tmp_path):
+    learning, moves = LearningConfig(episodes=10, greedy_points=0), ideal_moves()
+    moves.save(tmp_path / "moves.json")
+    assert ObservedMoves.load(tmp_path / "moves.json") == moves
+    config = PolicyConfig(SMALL, ProcessConfig(), learning, Seed(0), moves)
     policy, _ = learn(config)
     policy.save(tmp_path / "policy.npz")
     assert Policy.load(tmp_path / "policy.npz").config == config
-
-
-def test_moves_survive_a_file(tmp_path):
-    moves = ideal_moves()
-    moves.save(tmp_path / "moves.json")
-    assert ObservedMoves.load(tmp_path / "moves.json") == moves
 
 
 @pytest.mark.parametrize("content", [None, "", "[]", '{"schema_version": 9}', '{"moves": 3}'])
@@ -382,15 +348,12 @@ def test_a_wrong_file_is_refused_in_one_sentence(tmp_path, content):
         ObservedMoves.load(path)
 
 
-def test_missing_kinds_are_refused():
-    with pytest.raises(UserError, match="more moves"):
-        build_model(ObservedMoves("", 0, ideal_moves().moves[:3]), 5.0)
-
-
-def test_moves_of_robots_that_are_seldom_asked_are_refused(command, tmp_path):
+def test_moves_of_robots_that_are_seldom_asked_or_of_few_kinds_are_refused(command, tmp_path):
     seldom = msgspec.structs.replace(ideal_moves(), rl_step_s=7.0)
     with pytest.raises(UserError, match=r"RL step of 7 s .*; .* at most 2 s"):
         build_model(seldom, 5.0)
+    with pytest.raises(UserError, match="more moves"):
+        build_model(ObservedMoves("", 0, ideal_moves().moves[:3]), 5.0)
     ended = command("moves", "--rl-step", 7, "--out", tmp_path / "moves.json")
     assert ended.returncode == 2
     assert "with an --rl-step of at most 2 s" in ended.stderr

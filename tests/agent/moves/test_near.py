@@ -20,13 +20,12 @@ from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTIONS, Observation
 from tests.agent.moves.test_pair import BOARD, MOVES
 
-FEATURES = {1: ("x", "y", "h"), 2: ("x", "y", "h", "p")}
-KINDS = "fastest", "planned"
+PAIRS = ProcessConfig(features=("x", "y", "h", "p"))
 
 
 def config(scenario, objective):
-    features = ("x", "y", "h") if objective == "planned" else FEATURES[scenario.robots]
-    process = ProcessConfig(features=features)
+    joint = objective == "fastest" and scenario.robots == 2
+    process = PAIRS if joint else ProcessConfig(features=("x", "y", "h"))
     moves = msgspec.structs.replace(MOVES, cell_m=scenario.cell_m)
     return PolicyConfig(scenario, process, LearningConfig(), Seed(0), moves, method=objective)
 
@@ -42,7 +41,7 @@ def near(gap):
     return replace(BOARD, name="near", targets=targets, starts=(((0, 7),), ((8, 8), (8, 0))))
 
 
-@pytest.mark.parametrize("objective", KINDS)
+@pytest.mark.parametrize("objective", ["fastest", "planned"])
 @pytest.mark.parametrize("gap", [(5, 1), (5, 2), (5, 3), (4, 4)])
 def test_robots_park_at_targets_that_are_near(gap, objective):
     policy = made(config(near(gap), objective))
@@ -51,14 +50,10 @@ def test_robots_park_at_targets_that_are_near(gap, objective):
 
 def test_training_counts_no_contact_where_robots_park():
     for gap, contact_cells in (((5, 1), 0.5 * (5 + np.hypot(5, 1))), ((6, 0), 5.2)):
-        model = move_model(replace_objective(config(near(gap), "fastest")))
+        process = ProcessConfig(features=("x", "y", "d", "g", "b"))
+        model = move_model(PolicyConfig(near(gap), process, LearningConfig(), Seed(0), MOVES))
         assert model is not None
         assert np.sqrt(model.contact_cells) == pytest.approx(contact_cells)
-
-
-def replace_objective(given):
-    process = ProcessConfig(features=("x", "y", "d", "g", "b"))
-    return PolicyConfig(given.scenario, process, LearningConfig(episodes=10), Seed(0), MOVES)
 
 
 @pytest.mark.parametrize(("diameter_m", "cell_m"), [(0.05, 0.01), (0.07, 0.01), (0.05, 0.02)])
@@ -67,7 +62,7 @@ def test_clearances_follow_diameter_and_cells(diameter_m, cell_m):
         "sizes", "", ((0, 0), (9, 9)), (((9, 0),), ((0, 9),)), columns=10, rows=10,
         zone=(0, 0, 0, 0), robot_diameter_m=diameter_m, cell_m=cell_m,
     )  # fmt: skip
-    process = build_process(scenario, ProcessConfig(features=FEATURES[2]))
+    process = build_process(scenario, PAIRS)
     kept_m = PairPolicy.computed(config(scenario, "fastest")).times.board.kept ** 0.5 * cell_m
     assert kept_m == pytest.approx(diameter_m + 0.0083)
     assert board_of(process, MOVES).kept ** 0.5 * cell_m == pytest.approx(kept_m)

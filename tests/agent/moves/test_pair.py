@@ -146,11 +146,6 @@ def test_robots_that_are_too_near_move_apart(policy):
     assert ((moved[0] - moved[1]) ** 2).sum() > 20
 
 
-def test_a_state_off_the_board_is_refused(policy):
-    with pytest.raises(ValueError, match="off the board"):
-        policy.q_values(seen(((9, 1, 2), (0, 7, 2))))
-
-
 def test_every_joint_state_has_values_that_its_process_allows(policy):
     process = build_process(BOARD, PROCESS)
     assert policy.delay.shape == (SIDE**2, 4, SIDE**2, 4)
@@ -181,7 +176,7 @@ def test_a_robot_that_waits_keeps_away_from_a_move_under_way(policy):
     assert free > 50
 
 
-def test_directions_that_fail_have_no_value_in_recordings(policy):
+def test_directions_that_fail_have_no_value_in_recordings_and_states_off_the_board_none(policy):
     state = ((7, 1, 0), (8, 8, 0))
     assert policy.act(seen(state)).unit == "s"
     values, shown = policy.q_values(seen(state)), policy.act(seen(state)).values
@@ -189,3 +184,5 @@ def test_directions_that_fail_have_no_value_in_recordings(policy):
     assert np.isnan(shown[values < -1e5]).all()
     assert np.array_equal(shown[values > -1e5], values[values > -1e5])
     assert np.isnan(shown).any()
+    with pytest.raises(ValueError, match="off the board"):
+        policy.q_values(seen(((9, 1, 2), (0, 7, 2))))

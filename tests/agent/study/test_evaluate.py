@@ -116,24 +116,28 @@ def test_every_configuration_has_its_own_rows(case, near_policy, tmp_path):
     assert EpisodeStore(tmp_path).find(Job(replace(case), 0)) == RESULT
 
 
-def test_reading_writes_nothing(case, tmp_path):
+def test_reading_writes_nothing_and_two_writers_lose_nothing(case, tmp_path, caplog):
     assert EpisodeStore(tmp_path / "new").results(case) == {}
     assert not (tmp_path / "new").exists()
     EpisodeStore(tmp_path).keep(Job(case, 0), RESULT)
     before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert EpisodeStore(tmp_path).results(case) == {0: RESULT}
     assert before == {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-
-
-def test_two_writers_lose_nothing(case, tmp_path):
     first, second = EpisodeStore(tmp_path), EpisodeStore(tmp_path)
-    for number, store in enumerate((first, second, first)):
+    for number, store in enumerate((second, first, second), start=1):
         store.keep(Job(case, number), RESULT)
-    assert list(EpisodeStore(tmp_path).results(case)) == [0, 1, 2]
+    assert list(EpisodeStore(tmp_path).results(case)) == [0, 1, 2, 3]
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "near-0123.jsonl").write_text("{}\n")
+    EpisodeStore(tmp_path / "old")
+    assert "results of an earlier version (*.jsonl) are not read" in caplog.text
 
 
 def test_a_row_counts_the_beginning_of_its_sample(case):
     """A long episode is still under way, or was lost, while later ones have ended."""
+    none = measures(case, {})
+    assert none.pop("episodes") == 0
+    assert set(none.values()) == {None}
     store, indices = EpisodeStore(), case.rounds(6)
     for place in (0, 1, 3, 5):
         store.keep(Job(case, indices[place]), RESULT)
@@ -160,12 +164,6 @@ def test_a_damaged_row_is_reported(case, tmp_path, text):
         EpisodeStore(tmp_path).results(case)
 
 
-def test_results_of_an_earlier_version_are_named_and_left(case, tmp_path, caplog):
-    (tmp_path / "near-0123.jsonl").write_text("{}\n")
-    EpisodeStore(tmp_path)
-    assert "results of an earlier version (*.jsonl) are not read" in caplog.text
-
-
 def test_a_row_that_does_not_fit_is_an_error_and_leaves_whole_rows(case, tmp_path):
     EpisodeStore(tmp_path).keep(Job(case, 0), RESULT)
     size = (tmp_path / FILE).stat().st_size
@@ -181,12 +179,6 @@ def test_a_row_that_does_not_fit_is_an_error_and_leaves_whole_rows(case, tmp_pat
         signal.signal(signal.SIGXFSZ, signalled)
     EpisodeStore(tmp_path).keep(Job(case, 2), RESULT)
     assert list(EpisodeStore(tmp_path).results(case)) == [0, 2]
-
-
-def test_no_episode_gives_no_numbers(case):
-    values = measures(case, {})
-    assert values.pop("episodes") == 0
-    assert set(values.values()) == {None}
 
 
 def test_the_default_is_at_most_what_the_scenario_has(whole, near_file):

@@ -27,12 +27,10 @@ from minirobots.commands.policies import Robustness, Transfer
 BOARD = """
 columns = 14
 rows = 14
-[[robots]]
-target = [3, 6]
-starts = [[3, 7], [3, 8]]
-[[robots]]
-target = [10, 6]
-starts = [[10, 5], [10, 4]]
+robots = [
+    { target = [3, 6], starts = [[3, 7], [3, 8]] },
+    { target = [10, 6], starts = [[10, 5], [10, 4]] },
+]
 """
 
 

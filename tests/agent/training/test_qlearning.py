@@ -23,24 +23,19 @@ from cosim.base.errors import UserError
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 
+CORRIDOR = Scenario("corridor", "", ((2, 0),), (((0, 0),),), columns=3, rows=1, zone=(0, 0, 2, 0))
 
-def train(process, config, seed=0, stops=None):
+
+def briefly(**options):
+    """Greedy episodes of which each is in the curve."""
+    return LearningConfig(**{"exploration": 0.0, "log_episodes": 1, "log_window": 1} | options)
+
+
+def prepared(scenario, config, seed=0, **readings):
+    """The state at the beginning, and what trains it to the end."""
+    process = build_process(scenario, ProcessConfig(**readings))
     state = initial_state(process, config, seed)
-    for until in stops or [config.episodes]:
-        advance(process, build_learning(config), state, until)
-    return state
-
-
-def same(a, b):
-    arrays = ("q", "visits", "random", "curve")
-    return all(np.array_equal(getattr(a, n), getattr(b, n)) for n in arrays) and (
-        (a.episode, a.agent_steps) == (b.episode, b.agent_steps)
-    )
-
-
-def corridor_of_three():
-    zone = (0, 0, 2, 0)
-    return Scenario("corridor", "", ((2, 0),), (((0, 0),),), columns=3, rows=1, zone=zone)
+    return state, lambda: advance(process, build_learning(config), state, config.episodes)
 
 
 def test_splitmix64_gives_its_published_numbers():
@@ -51,13 +46,10 @@ def test_splitmix64_gives_its_published_numbers():
 
 
 def test_eq_7_on_a_corridor_by_hand():
-    config = LearningConfig(
-        episodes=3, eta=0.5, gamma=0.9, epsilon=0.0, exploration=0.0, log_episodes=1, log_window=1
-    )
-    process = build_process(corridor_of_three(), ProcessConfig(goal_reward=10.0))
-    state = initial_state(process, config, 0)
+    config = briefly(episodes=3, eta=0.5, gamma=0.9, epsilon=0.0)
+    state, learn = prepared(CORRIDOR, config, goal_reward=10.0)
     state.q[..., 1:] = -1000.0  # so that greedy drives east: two moves to the goal per episode
-    advance(process, build_learning(config), state, 3)
+    learn()
     first = second = 0.0
     for _ in range(3):
         first += 0.5 * (-1.0 + 0.9 * second - first)
@@ -75,18 +67,14 @@ def test_the_greedy_direction_is_the_first_of_the_largest_values(values):
 
 
 def test_one_table_of_double_q_learning_picks_and_the_other_values():
-    config = LearningConfig(
-        episodes=1, eta=0.5, gamma=0.9, exploration=0.0, algorithm="double_q", log_episodes=1,
-        log_window=1,
-    )  # fmt: skip
-    process = build_process(corridor_of_three(), ProcessConfig(step_limit=1))
+    config = briefly(episodes=1, eta=0.5, gamma=0.9, algorithm="double_q")
     updated = []
     for seed in range(20):
-        state = initial_state(process, config, seed)
+        state, learn = prepared(CORRIDOR, config, seed, step_limit=1)
         state.q[:, 0, 0, 0] = 1.0  # so that greedy drives east
         state.q[0, 0, 1, [0, 3]] = 4.0, 9.0
         state.q[1, 0, 1, [3, 5]] = 2.0, 7.0
-        advance(process, build_learning(config), state, 1)
+        learn()
         of_first, of_second = state.q[:, 0, 0, 0].tolist()
         updated.append(int(of_first == 1.0))
         # the first picks 3, worth 2 to the second; the second picks 5, worth 0 to the first
@@ -100,11 +88,9 @@ def test_one_table_of_double_q_learning_picks_and_the_other_values():
 def test_eq_8_is_learnt_and_diagonal_moves_are_longer(action, learnt):
     zone = (0, 0, 1, 1)
     square = Scenario("square", "", ((1, 1),), (((0, 0),),), columns=2, rows=2, zone=zone)
-    config = LearningConfig(episodes=1, eta=1.0, exploration=0.0, log_episodes=1, log_window=1)
-    process = build_process(square, ProcessConfig(goal_reward=10.0))
-    state = initial_state(process, config, 0)
+    state, learn = prepared(square, briefly(episodes=1, eta=1.0), goal_reward=10.0)
     state.q[..., action] = 1.0
-    advance(process, build_learning(config), state, 1)
+    learn()
     assert state.q[0, 0, 0, action] == learnt
     arrived = np.array([np.sqrt(2.0), 1.0]) if learnt > 0.0 else np.zeros(2)
     assert state.curve[0, [PATH_CELLS, STEPS]] == pytest.approx(arrived)
@@ -119,15 +105,14 @@ def test_robots_explore_with_probability_epsilon(epsilon, algorithm):
     """
     zone = (0, 0, 2, 2)
     room = Scenario("room", "", ((2, 1),), (((1, 1),),), columns=3, rows=3, zone=zone)
-    process = build_process(room, ProcessConfig(goal_reward=10.0, step_limit=1))
     config = LearningConfig(
         episodes=20_000, eta=1e-4, gamma=0.0, epsilon=epsilon, epsilon_decay=1.0, exploration=1.0,
         algorithm=algorithm,
     )  # fmt: skip
-    state = initial_state(process, config, 0)
+    state, learn = prepared(room, config, goal_reward=10.0, step_limit=1)
     start = np.array([1e-3] + [0.0] * 7)  # the goal is the greedy direction from the beginning
     state.q[:] = start
-    advance(process, build_learning(config), state, config.episodes)
+    learn()
     reward = np.array([10.0] + [-1.0] * 7)
     middle = state.q[:, 0, 4]  # of cell (1, 1), in each table
     tried = np.log((reward - middle) / (reward - start)).sum(axis=0) / np.log(1.0 - config.eta)
@@ -136,16 +121,12 @@ def test_robots_explore_with_probability_epsilon(epsilon, algorithm):
 
 
 def test_a_learning_rate_that_falls_is_that_of_its_episode():
-    learning = LearningConfig(episodes=4, eta=0.5, eta_end=0.1, epsilon_episodes=1)
+    learning = briefly(episodes=4, eta=0.5, eta_end=0.1, epsilon_episodes=1, epsilon=0.0)
     assert build_learning(learning).eta == pytest.approx([0.5, 0.4, 0.3, 0.2])
     assert build_learning(replace(learning, eta_end=None)).eta.tolist() == [0.5] * 4
-    corridor = replace(
-        learning, epsilon=0.0, exploration=0.0, log_episodes=1, log_window=1, gamma=0.9
-    )
-    process = build_process(corridor_of_three(), ProcessConfig(goal_reward=10.0))
-    state = initial_state(process, corridor, 0)
+    state, learn = prepared(CORRIDOR, learning, goal_reward=10.0)
     state.q[..., 1:] = -1000.0
-    advance(process, build_learning(corridor), state, 4)
+    learn()
     second = 0.0
     for eta in (0.5, 0.4, 0.3, 0.2):
         second += eta * (10.0 - second)
@@ -153,11 +134,9 @@ def test_a_learning_rate_that_falls_is_that_of_its_episode():
 
 
 def test_cut_episode_bootstraps_and_counts_as_a_failure():
-    config = LearningConfig(episodes=1, eta=1.0, exploration=0.0, log_episodes=1, log_window=1)
-    process = build_process(corridor_of_three(), ProcessConfig(step_limit=1))
-    state = initial_state(process, config, 0)
+    state, learn = prepared(CORRIDOR, briefly(episodes=1, eta=1.0), step_limit=1)
     state.q[0, 0, 1, 3] = 7.0
-    advance(process, build_learning(config), state, 1)
+    learn()
     assert state.q[0, 0, 0, 0] == np.float32(-1.0) + np.float32(0.99) * np.float32(7.0)
     assert state.curve[0, :2].tolist() == [1, 0]
 
@@ -187,9 +166,14 @@ def test_kernel_schedule_is_the_documented_one_in_every_episode(episodes):
 def test_cutting_a_run_into_chunks_changes_no_bit(name, algorithm):
     process = build_process(find_scenario(name), ProcessConfig(slip_probability=0.1))
     config = LearningConfig(episodes=3000, epsilon_episodes=10, algorithm=algorithm)
-    whole = train(process, config)
-    assert same(whole, train(process, config, stops=[1, 2, 777, 1000, 3000]))
-    assert not same(whole, train(process, config, seed=1))
+    states = [initial_state(process, config, seed) for seed in (0, 0, 1)]
+    for state, stops in zip(states, ([3000], [1, 2, 777, 1000, 3000], [3000]), strict=True):
+        for until in stops:
+            advance(process, build_learning(config), state, until)
+    names = ("q", "visits", "random", "curve", "episode", "agent_steps")
+    whole, cut, other = ([np.array(getattr(state, n)).tolist() for n in names] for state in states)
+    assert whole == cut != other
+    whole = states[0]
     assert (whole.q != 0).any(axis=(1, 2, 3)).all()
 
 
@@ -197,20 +181,18 @@ def test_cutting_a_run_into_chunks_changes_no_bit(name, algorithm):
 def test_partner_of_a_failed_robot(update):
     # robot 1 leaves the board at once (its only values point west), robot 2 continues
     pair = Scenario("p", "", ((15, 18), (15, 12)), (((0, 5),), ((9, 9),)))
-    process = build_process(pair, ProcessConfig(partner_of_failed=update))
-    config = LearningConfig(episodes=1, eta=1.0, exploration=0.0, log_episodes=1, log_window=1)
-    state = initial_state(process, config, 0)
+    state, learn = prepared(pair, briefly(episodes=1, eta=1.0), partner_of_failed=update)
     state.q[0, 0, :, 4] = 1.0
-    advance(process, build_learning(config), state, 1)
+    learn()
     learnt = state.q[0, 1][state.q[0, 1] != 0].tolist()
     assert learnt == {"ordinary": [-1.0], "penalty": [-100.0], "none": []}[update]
 
 
 def test_features_that_hide_a_move_still_pick_from_the_updated_row():
     # with no position in the state every move stays in one row: greedy must be of the new values
-    lone = build_process(find_scenario("2"), ProcessConfig(features=("d",), step_limit=8))
-    config = LearningConfig(episodes=1, eta=0.5, exploration=0.0, log_episodes=1, log_window=1)
-    state = train(lone, config)
+    config = briefly(episodes=1, eta=0.5)
+    state, learn = prepared(find_scenario("2"), config, features=("d",), step_limit=8)
+    learn()
     # every move costs 1, so each of the eight directions is tried once
     assert (state.visits.sum(axis=1) <= 8).all()
     assert (state.q[0].min(axis=(1, 2)) < 0).all()
@@ -231,6 +213,6 @@ def test_three_robots_learn():
         "trio", "", ((1, 6), (10, 6), (5, 2)), (starts[0][:2], starts[1][4:], starts[0][4:]),
         columns=12, rows=12, robot_diameter_m=0.015, zone=(4, 4, 7, 7),
     )  # fmt: skip
-    process = build_process(trio, ProcessConfig())
-    state = train(process, LearningConfig(episodes=60_000, epsilon_episodes=10))
+    state, learn = prepared(trio, LearningConfig(episodes=60_000, epsilon_episodes=10))
+    learn()
     assert state.curve[-1, 1] / state.curve[-1, 0] > 0.9

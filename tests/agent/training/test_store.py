@@ -29,6 +29,10 @@ def test_a_second_call_finds_the_policy_and_its_curves():
     assert np.array_equal(policy.q, again.q)
     for name in log._fields:
         assert np.array_equal(getattr(log, name), getattr(log_again, name), equal_nan=True)
+    assert log.episode.tolist() == log.greedy_episode.tolist() == [1000, 2000, 3000, 4000, 5000]
+    assert log.returns.shape == (5, 2)
+    assert log.epsilon[[0, -1]] == pytest.approx([0.9 * 0.999**99, 0.0])
+    assert log.greedy_success[-1] == evaluate(policy.process, policy.values).rate(Outcome.SUCCESS)
 
 
 @pytest.mark.long
@@ -61,21 +65,9 @@ def test_a_damaged_cache_is_trained_again(broken):
     assert path.with_name(broken).stat().st_size > 1000
 
 
-def test_learning_curves_have_the_shapes_and_values_documented():
-    policy, log, _ = find_or_make(CONFIG)
-    assert log.episode.tolist() == [1000, 2000, 3000, 4000, 5000]
-    assert log.returns.shape == (5, 2)
-    assert log.epsilon[-1] == 0.0
-    assert log.epsilon[0] == pytest.approx(0.9 * 0.999**99)
-    assert log.greedy_episode.tolist() == log.episode.tolist()
-    assert log.greedy_success[-1] == evaluate(policy.process, policy.values).rate(Outcome.SUCCESS)
-
-
 @pytest.mark.long
 def test_scenario_2_reaches_100_percent_of_all_900_starts():
-    policy, log, _ = find_or_make(
-        PolicyConfig(find_scenario("2"), ProcessConfig(), LearningConfig(), Seed(0))
-    )
+    policy, log, _ = find_or_make(msgspec.structs.replace(CONFIG, learning=LearningConfig()))
     result = evaluate(policy.process, policy.values)
     assert result.outcome.shape == (900,)
     assert result.rate(Outcome.SUCCESS) == 1.0

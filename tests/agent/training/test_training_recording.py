@@ -7,7 +7,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from agent.mdp.config import ProcessConfig
 from agent.training.learning import map_points
-from agent.training.loop import TrainingLog, learn
+from agent.training.loop import learn
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.recording import joined, write_events, write_runs, write_training
 from agent.training.settings import LearningConfig
@@ -31,11 +31,8 @@ def columns(path, entity: str, component: str) -> tuple[np.ndarray, list]:
 
 @pytest.fixture(scope="module")
 def trained():
-    configs = [
-        PolicyConfig(find_scenario("2"), ProcessConfig(), LEARNING, Seed.of(seed))
-        for seed in range(3)
-    ]
-    return [learn(config) for config in configs]
+    scenario, process = find_scenario("2"), ProcessConfig()
+    return [learn(PolicyConfig(scenario, process, LEARNING, Seed.of(seed))) for seed in range(3)]
 
 
 @pytest.fixture(scope="module")
@@ -55,15 +52,11 @@ def test_every_path_of_the_blueprint_is_recorded(recordings, shown_paths, name, 
     assert paths <= entities
 
 
-def test_moments_are_early_ones_and_the_last():
-    assert map_points(LEARNING).tolist() == [0, 1, 3, 4]
-    assert map_points(LearningConfig()).tolist() == [0, 1, 3, 7, 15, 31, 49]
-    assert map_points(LearningConfig(greedy_points=0)).tolist() == []
-
-
 def test_maps_are_those_of_the_tables_at_their_time(trained, recordings):
     policy, log = trained[0]
-    assert log.map_episode.tolist() == [800, 1600, 3200, 4000]
+    assert log.map_episode.tolist() == [800, 1600, 3200, 4000]  # early ones, and the last
+    assert map_points(LearningConfig()).tolist() == [0, 1, 3, 7, 15, 31, 49]
+    assert map_points(LearningConfig(greedy_points=0)).tolist() == []
     assert np.array_equal(log.maps[-1], np.array(policy.maps(), dtype=np.float32))
     assert (np.diff(log.maps[:, :, 2].sum(axis=(1, 2, 3))) > 0).all()  # visits
     for entity in ("value_map", "visits"):
@@ -108,13 +101,6 @@ def test_runs_are_joined_where_all_have_a_value(trained):
     episode, table = joined([holes, late], "episode", "path_length_cm")
     assert episode.tolist() == [3000, 4000]
     assert table.tolist() == [[1.0, 1.0], [1.0, 1.0]]
-
-
-def test_curves_are_read_as_they_were_saved(trained, tmp_path):
-    log = trained[0][1]
-    log.save(tmp_path / "new.npz")
-    for found, saved in zip(TrainingLog.load(tmp_path / "new.npz"), log, strict=True):
-        assert np.array_equal(found, saved, equal_nan=True)
 
 
 def test_tensorboard_reads_the_curves_of_a_run_once(trained, tmp_path):

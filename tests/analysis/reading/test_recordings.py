@@ -12,14 +12,7 @@ from analysis.reading.findings import find, intervals, sliding
 from cosim.base.errors import FileError
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II, TIMING
-from cosim.recording.reader import (
-    DrivenMove,
-    Signal,
-    Texts,
-    _moves,
-    read_episode,
-    read_rrd,
-)
+from cosim.recording.reader import DrivenMove, Signal, Texts, _moves, read_episode, read_rrd
 
 
 @pytest.fixture(scope="module")
