@@ -111,9 +111,6 @@ class Motors:
 
     Signals are arrays (6, B), or (8, B), see `cosim.coupling.signals.State`. No motor is there
     before its robot's first `restart`. An FMU that fails raises an FmuError with instance and time.
-
-    Attributes:
-        calls: what compiled code needs to reach the instances.
     """
 
     def __init__(

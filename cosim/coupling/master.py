@@ -44,11 +44,7 @@ _CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
 
 
 class NotFiniteError(UserError):
-    """A signal that is no finite number, at the first tick at which it is none.
-
-    Attributes:
-        tick: of the advance, from 0.
-    """
+    """A signal that is no finite number, at the first tick at which it is none."""
 
     def __init__(self, state: State, tick: int) -> None:
         values = np.concatenate([state.inputs, state.outputs, state.bodies])

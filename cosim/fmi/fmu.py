@@ -34,12 +34,7 @@ class FmuError(UserError):
 
 
 class Fmu:
-    """An unpacked FMU of FMI 3.0 for Co-Simulation.
-
-    Attributes:
-        description: fmpy's model description.
-        interface: fmpy's description of its Co-Simulation capabilities.
-    """
+    """An unpacked FMU of FMI 3.0 for Co-Simulation."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -68,7 +68,6 @@ class MotorFmu(Fmu):
             OUTPUTS, ELECTRICAL (and LOOP, if there is one).
         closed_loop: value reference of the parameter that instances in open loop get, else None.
         size: value reference of the number of motors of an instance of arrays; None of one motor.
-        arrays: whether an instance has any number of motors.
         samples: whether an instance samples within a step, see `SAMPLED`.
         internal_step_s: internal step unless it is set, None if the FMU has none.
     """

@@ -12,25 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import msgspec
 
 from cosim.base.arguments import ConfigError, validate_fields
-from cosim.model.params import (
-    ESTIMATOR,
-    SHIELD,
-    SPEED_NOISE,
-    STEERING,
-    TABLE_I,
-    TABLE_II,
-    TIMING,
-    EstimatorParams,
-    MotorParams,
-    NoiseParams,
-    Quantity,
-    RobotParams,
-    ShieldParams,
-    SteeringParams,
-    TimingParams,
-    describe,
-    lift_off_speed,
-)
+from cosim.model import params
 from cosim.model.world import IDEAL, Tree, World, parameter_name, tree_of
 
 OnCollision = Literal["end", "continue"]
@@ -44,8 +26,8 @@ _ROUNDING = 1e-9  # relative, of a period that shall be a multiple of another on
 _RECORDS = ("robot", "motor", "noise", "timing", "steering", "estimator", "shield")
 
 
-def _option(description: str) -> Quantity:
-    return Quantity("", "default", description)
+def _option(description: str) -> params.Quantity:
+    return params.Quantity("", "default", description)
 
 
 class Leaf(NamedTuple):
@@ -53,7 +35,7 @@ class Leaf(NamedTuple):
 
     path: str
     value: Any
-    quantity: Quantity
+    quantity: params.Quantity
 
     def __str__(self) -> str:
         value = "none" if self.value in ("", [], None) else self.value
@@ -89,12 +71,12 @@ class CoSimConfig:
             only `motor_parameters` are set. Empty for the built-in FMU.
     """
 
-    robot: RobotParams = TABLE_I
-    motor: MotorParams = TABLE_II
-    noise: NoiseParams = SPEED_NOISE
-    timing: TimingParams = TIMING
-    steering: SteeringParams = STEERING
-    estimator: EstimatorParams = ESTIMATOR
+    robot: params.RobotParams = params.TABLE_I
+    motor: params.MotorParams = params.TABLE_II
+    noise: params.NoiseParams = params.SPEED_NOISE
+    timing: params.TimingParams = params.TIMING
+    steering: params.SteeringParams = params.STEERING
+    estimator: params.EstimatorParams = params.ESTIMATOR
     reaction: Annotated[bool, _option("whether motors feel the body's acceleration")] = False
     portable: Annotated[bool, _option("whether no angle is computed by the C library")] = False
     on_collision: Annotated[
@@ -105,7 +87,7 @@ class CoSimConfig:
         bool, _option("whether robots drive on at the end of a move until asked")
     ] = False
     shield: Annotated[
-        ShieldParams | None, _option("whether a monitor keeps robots apart, for any policy")
+        params.ShieldParams | None, _option("whether a monitor keeps robots apart, for any policy")
     ] = None
     open_loop: Annotated[tuple[Loop, ...], _option("what goes without feedback")] = ()
     preset: Annotated[str, _option("machine that the parameters are of")] = "paper"
@@ -227,7 +209,7 @@ class CoSimConfig:
     def lift_off_rad_s(self) -> float:
         """Motor speed that lifts the robot with its payload off a level floor."""
         mass_kg = self.robot.mass_kg + 1e-3 * self.world.payload_g
-        return lift_off_speed(self.robot._replace(mass_kg=mass_kg), self.motor)
+        return params.lift_off_speed(self.robot._replace(mass_kg=mass_kg), self.motor)
 
     @property
     def ticks_per_step(self) -> int:
@@ -266,15 +248,15 @@ class CoSimConfig:
 
     def _declared(self) -> dict[str, Leaf]:
         """Return every parameter by its name, with the sources of defaults; values as in JSON."""
-        tables: dict[str, Any] = {part: getattr(self, part) or SHIELD for part in _RECORDS}
+        tables: dict[str, Any] = {part: getattr(self, part) or params.SHIELD for part in _RECORDS}
         tables |= {"world": self.world, "world.sensor": self.world.camera, "": self}
         rows = {
             parameter_name(table, n): Leaf(f"{table}.{n}".removeprefix("."), value, quantity)
             for table, record in tables.items()
-            for n, (value, quantity) in describe(record).items()
+            for n, (value, quantity) in params.describe(record).items()
         }
         for name, value in self.motor_parameters:
-            quantity = Quantity("", OF_MOTOR, "of the motor FMU")
+            quantity = params.Quantity("", OF_MOTOR, "of the motor FMU")
             rows.setdefault(name, Leaf(f"motor_parameters.{name}", value, quantity))
         changed = {"open_loop": " ".join(self.open_loop), "shield": bool(self.shield)}
         for name, leaf in rows.items():
@@ -283,7 +265,7 @@ class CoSimConfig:
         return rows
 
 
-def proportional(steering: SteeringParams, share: float) -> Tree:
+def proportional(steering: params.SteeringParams, share: float) -> Tree:
     """Return a share of the motor speeds of the steering."""
     speeds = {n: share * v for n, v in steering._asdict().items() if n.endswith("_speed_rad_s")}
     return tree_of("computed: in proportion to lift-off", **speeds)

@@ -44,17 +44,11 @@ def list_by_cells(
     board: np.ndarray,
     reach: float,
 ) -> Grid:
-    """List places by cells, for `find_near`.
+    """List places by cells, for `find_near`; returns the cells.
 
     Args:
-        lists: (LISTS, B) int64, written in the columns of the episode.
         xs, ys: (B,) places in m; those off the board count to the cells at its edge.
-        first: column of the episode's first place; the others follow.
-        board: (2,) extent of the board in m.
         reach: distance in m within which places are to be found.
-
-    Returns:
-        The cells.
     """
     columns = rows = 1
     if count > _FEW:

@@ -48,9 +48,7 @@ class RunningEpisode:
     """One episode in its columns of a co-simulation's state.
 
     Attributes:
-        drawn: what the episode has drawn from its world.
         sampled: indices of the robots with kept signals.
-        conflicts: decisions that the shield changed.
     """
 
     def __init__(
@@ -66,7 +64,6 @@ class RunningEpisode:
         """Put the robots on their start cells, facing the board's centre row.
 
         Args:
-            state: of the co-simulation, in which the episode's robots have `columns`.
             seed: of the speed noise, of which every motor gets a child of its own, and of the
                 world.
             sampled: indices of the robots with kept signals; by default all of up to

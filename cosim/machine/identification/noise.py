@@ -35,7 +35,6 @@ def _gains(times: np.ndarray, ratio: float) -> tuple[np.ndarray, np.ndarray]:
     """Kalman gains (n − 1,) of a random walk, and variances of innovations over that of a frame.
 
     Args:
-        times: (n,) of frames in s.
         ratio: growth of the walk's variance in 1/s over the variance of a frame.
     """
     gains, variance = np.empty(len(times) - 1), 1.0
@@ -71,7 +70,6 @@ def residuals(
     """Innovations (n − 1, 3, C) of x, y and heading over their standard deviations.
 
     Args:
-        times: (n,) of frames in s.
         measured: (n, 3) x and y in m, heading in rad, continuous.
         simulated: (n, C, 3) the same of C simulations, from any pose.
     """

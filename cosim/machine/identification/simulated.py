@@ -188,7 +188,6 @@ def motor_speeds(
 
     Args:
         set_points: (P, 2) in rad/s, of every control period.
-        seed: of the noise; None for none.
     """
     ticks, dt_s = config.ticks_per_period, config.timing.dt_s
     noise = np.zeros((len(set_points), 1, 2))
@@ -221,7 +220,6 @@ def tracks(
         machines: B of them, each in a lane of a vector.
         omega: (P + 1, 2) or (P + 1, 2, B) speeds of motors D and E at the ends of control periods
             in rad/s, linear in between; motors start hanging down.
-        ticks: steps of a control period.
         every: control periods from one look to the next.
 
     Returns:
@@ -266,8 +264,6 @@ def _drive(
     """Advance all robots; the arguments of `tracks`, as arrays.
 
     Args:
-        bodies: (STATE_SIZE, B); change.
-        properties: (PROPERTIES, B).
         shapes: (_SHAPE, B), layout above.
         omega: (P + 1, 2, B).
         seen: (P // every + 1, B, 3), overwritten from the second row on.

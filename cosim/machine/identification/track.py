@@ -78,9 +78,6 @@ def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTr
 
     They are in seconds, metres, radians counter-clockwise from +x, and rad/s. Cells are separated
     by commas, semicolons or tabs; headings may name the unit, as in "time [s]".
-
-    Args:
-        board_m: width and height of the board with its corner at the origin; by default endless.
     """
     try:
         return _checked(*_table(path), board_m)
