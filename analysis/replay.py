@@ -12,12 +12,11 @@ from cosim.base.progress import Progress
 from cosim.base.provenance import versions
 from cosim.base.reading import parsing
 from cosim.coupling.rl_step import sampled_of
-from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept
 from cosim.recording.reader import EPISODE, read_chunks, read_rrd
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import Physics
-from cosim.simulation.tasks import EpisodeOrigin, Task, recorder_of, simulate_tasks
+from cosim.simulation.tasks import EpisodeOrigin, Record, Task, simulate_tasks
 
 
 def replay(
@@ -46,15 +45,12 @@ def replay(
     task = Task.again(origin, Physics(motor_fmu=motor_fmu).fmu(progress), loaded)
     kept = Kept()
 
-    def recorder(episode: RunningEpisode) -> EpisodeRecorder:
-        maps = loaded.maps()
-        return recorder_of(episode, kept, data.recording_id, {}, level=level, policies=maps)
-
     def watch(_: Any, episode: RunningEpisode, __: float) -> None:
         progress("replaying", episode.time_s, task.config.timing.episode_limit_s)
 
+    record = Record(kept, {}, level, recording_id=data.recording_id)
     sampled = sampled_of(task.scenario.robots, signals)
-    for _ in simulate_tasks([replace(task, recorder=recorder, watch=watch, sampled=sampled)], 1):
+    for _ in simulate_tasks([replace(task, record=record, watch=watch, sampled=sampled)], 1):
         pass
     replayed, now = read_chunks(kept.chunks, data.recording_id), versions()
     recorded = series_of(data)

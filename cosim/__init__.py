@@ -21,43 +21,28 @@ if TYPE_CHECKING:
     from cosim.simulation.simulate import simulate
 
 __all__ = [
-    "CoSimConfig",
-    "ConfigError",
-    "Decision",
-    "Episode",
-    "Observation",
-    "Outcome",
-    "Patch",
-    "Preset",
-    "Scenario",
-    "Sensor",
-    "UserError",
-    "World",
-    "find_preset",
-    "find_scenario",
+    "CoSimConfig", "ConfigError", "Decision", "Episode", "Observation", "Outcome", "Patch",
+    "Preset", "Scenario", "Sensor", "UserError", "World", "find_preset", "find_scenario",
     "simulate",
-]
-
+]  # fmt: skip
 _MODULES = {
-    "CoSimConfig": "cosim.model.config",
-    "ConfigError": "cosim.base.arguments",
-    "Decision": "cosim.coupling.rl_step",
-    "Episode": "cosim.recording.reader",
-    "Observation": "cosim.onboard.features",
-    "Outcome": "cosim.model.outcome",
-    "Patch": "cosim.model.world",
-    "Preset": "cosim.model.preset",
-    "Scenario": "cosim.model.scenario",
-    "Sensor": "cosim.model.world",
-    "UserError": "cosim.base.errors",
-    "World": "cosim.model.world",
-    "find_preset": "cosim.model.preset",
-    "find_scenario": "cosim.model.scenario_file",
-    "simulate": "cosim.simulation.simulate",
+    "base.arguments": ("ConfigError",),
+    "base.errors": ("UserError",),
+    "coupling.rl_step": ("Decision",),
+    "model.config": ("CoSimConfig",),
+    "model.outcome": ("Outcome",),
+    "model.preset": ("Preset", "find_preset"),
+    "model.scenario": ("Scenario",),
+    "model.scenario_file": ("find_scenario",),
+    "model.world": ("Patch", "Sensor", "World"),
+    "onboard.features": ("Observation",),
+    "recording.reader": ("Episode",),
+    "simulation.simulate": ("simulate",),
 }
 
 
 def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        return getattr(import_module(_MODULES[name]), name)
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(f"cosim.{module}"), name)
     raise AttributeError(f"module 'cosim' has no attribute '{name}'")

@@ -40,12 +40,11 @@ from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Patch, Sensor, World
 from cosim.onboard.observing import draw_starts
-from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.reader import read_episode
 from cosim.simulation.batch import DRIVERS
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.result import EpisodeResult
-from cosim.simulation.tasks import Task, simulate_tasks
+from cosim.simulation.tasks import Record, Task, simulate_tasks
 from fmus.build import cached_fmu
 
 EXPECTED = Path(__file__).with_name("digests.json")
@@ -169,10 +168,8 @@ def _of_recording(folder: Path, policy: Policy) -> Iterator[tuple[str, str]]:
     start_seed, noise_seed = np.random.SeedSequence(0).spawn(2)
     starts = draw_starts(scenario, np.random.default_rng(start_seed))
 
-    def recorder(_: RunningEpisode) -> EpisodeRecorder:
-        return EpisodeRecorder(path, scenario, config, "digest", {"episode": 0})
-
-    task = Task(scenario, cached_fmu(), config, policy, starts, noise_seed, recorder)
+    record = Record(path, {"episode": 0}, recording_id="digest")
+    task = Task(scenario, cached_fmu(), config, policy, starts, noise_seed, record)
     ((_, result),) = simulate_tasks([task], 1)
     yield "episode", _of_result(result)
     for name, signal in sorted(read_episode(path).signals.items()):

@@ -19,12 +19,10 @@ from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell
-from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.series import with_bursts
-from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.result import EpisodeResult
-from cosim.simulation.simulate import episode_facts
-from cosim.simulation.tasks import Task, recorder_of, simulate_tasks
+from cosim.simulation.simulate import run_facts
+from cosim.simulation.tasks import Record, Task, simulate_tasks
 from fmus.build import identity_of_fmu
 
 VERSION = 1  # of episodes: raise it when their bits change
@@ -129,17 +127,18 @@ class Job:
             case.policy,
             case.start_cells(self.index),
             case.noise_seed(self.index),
-            None if self.recording is None else self._recorder,
+            None if self.recording is None else self._record(self.recording),
         )
 
-    def _recorder(self, episode: RunningEpisode) -> EpisodeRecorder:
-        assert self.recording is not None
+    def _record(self, path: Path) -> Record:
         case, index, policy = self.case, self.index, self.case.policy
-        starts = case.start_cells(index)
-        facts = episode_facts(policy.config.scenario, case.seed, case.fmu, index, starts)
-        method = getattr(policy.config, "method", "other")
-        facts |= {"train_episodes": policy.episodes, "method": method}
-        return recorder_of(episode, self.recording, f"{case.digest}-{index}", facts)
+        facts = run_facts(policy.config.scenario, case.seed, case.fmu) | {
+            "episode": index,
+            "starts": case.start_cells(index),
+            "train_episodes": policy.episodes,
+            "method": getattr(policy.config, "method", "other"),
+        }
+        return Record(path, facts, maps=False, recording_id=f"{case.digest}-{index}")
 
 
 def run_jobs(

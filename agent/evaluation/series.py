@@ -15,18 +15,16 @@ from agent.training.policy import load_policy
 from agent.training.recording import write_training
 from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent, under_way
-from cosim.base.provenance import digest_of, versions
+from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
 from cosim.coupling.rl_step import Step, sampled_of
-from cosim.recording.episode import EpisodeRecorder
 from cosim.simulation.batch import chosen_driver
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import EpisodeOptions, Setup
 from cosim.simulation.result import EpisodeResult
-from cosim.simulation.simulate import draw_episode
-from cosim.simulation.tasks import Task, compile_kernels, recorder_of, simulate_tasks
-from fmus.build import identity_of_fmu
+from cosim.simulation.simulate import draw_episode, run_facts
+from cosim.simulation.tasks import Record, Task, compile_kernels, simulate_tasks
 
 _SUMMARY = Kind("summary of a run", "choose another --out, or remove it")
 
@@ -81,16 +79,11 @@ class Series:
         """Identity of the run."""
         scenario, config, fmu = self.setup
         seed = self.policy.config.seed
+        driver = chosen_driver(self.options.driver, fmu, config)
         return RunFacts(
-            scenario=scenario.name,
-            title=scenario.title,
-            seed=self.options.seed,
+            **run_facts(scenario, self.options.seed, fmu, driver),
             train_seed=seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
-            driver=chosen_driver(self.options.driver, fmu, config),
-            motor_fmu=fmu.name,
-            motor_fmu_digest=identity_of_fmu(fmu),
             method=self.policy.config.method,
-            versions=versions(),
         )
 
     def run(
@@ -155,28 +148,17 @@ class Series:
             total = episode.time_s if step.outcome else config.timing.episode_limit_s
             self.progress(f"episode {number}", episode.time_s, total, state)
 
-        def recorder(episode: RunningEpisode) -> EpisodeRecorder:
-            assert record != "none"
-            return recorder_of(
-                episode,
-                self._recording(number),
-                task.recording_id,
-                asdict(self.facts) | {"episode": number, "starts": starts},
-                level=record,
-                viewer=self.viewer,
-                policies=self.policy.maps(),
-            )
-
-        task = Task(
+        facts = asdict(self.facts) | {"episode": number, "starts": starts}
+        place, viewer = self._recording(number), self.viewer
+        return Task(
             scenario,
             fmu,
             config,
             self.policy,
             starts,
             noise_seed,
-            None if record == "none" else recorder,
+            None if record == "none" else Record(place, facts, record, viewer),
             watch,
             self.facts.driver,
             sampled_of(scenario.robots, self.options.signals),
         )
-        return task

@@ -177,11 +177,7 @@ def _choices(kind: Any) -> tuple[str, ...]:
 
 
 def numbers(values: Any, shape: tuple[int, ...], kinds: str = "fiu") -> np.ndarray | None:
-    """Return what a user gave as float64, or whole numbers as int64; None if it is anything else.
-
-    Args:
-        kinds: of numbers (`numpy.dtype.kind`) that are allowed; "iu" for whole ones alone.
-    """
+    """Return what a user gave as float64, or whole numbers (kinds "iu") as int64; else None."""
     try:
         array = np.asarray(values)
     except ValueError:  # rows of several lengths

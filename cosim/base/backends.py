@@ -34,11 +34,7 @@ def sweep(
     where: Workers,
     may_begin: Callable[[], bool] = always,
 ) -> Iterator[tuple[int, Any]]:
-    """Call a function on every task in parallel.
-
-    Yields:
-        (index of the task, its result), in the order of completion.
-    """
+    """Call a function on every task in parallel; yields (index, result) as they are ready."""
     jobs, backend, address = where.jobs, where.backend, where.address
     remaining = dict(enumerate(tasks))
     if jobs == 1 and backend in {"loky", "threads"}:

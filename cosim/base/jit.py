@@ -103,11 +103,7 @@ def digest_of_sources(root: Path) -> str:
 
 
 def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:
-    """Return a dispatcher of numba: IEEE arithmetic, no fastmath, releasing the interpreter's lock.
-
-    Args:
-        kept: whether its machine code is kept on disk, and references to arrays are counted.
-    """
+    """Return a dispatcher: IEEE arithmetic, no fastmath, no interpreter lock; `kept` on disk."""
     options |= {"nogil": True, "_nrt": kept}
     dispatcher: Any = numba.njit(error_model="numpy", **cast(Any, options))(function)
     compile_one = dispatcher.compile
@@ -188,10 +184,6 @@ class _Inlined:
     """A function that kernels take in; called from Python it is a kernel, made at the first call.
 
     Few ever are: compiling what would unpack their arguments makes the first command 28 % slower.
-
-    Attributes:
-        py_func: the function.
-        dispatcher: of numba, for kernels.
     """
 
     def __init__(self, function: Callable) -> None:

@@ -79,19 +79,15 @@ def always() -> bool:
 
 
 class JobKind(NamedTuple, Generic[SomeJob, Row]):
-    """Kind of jobs: how they are computed.
+    """Kind of jobs: how they are computed."""
 
-    Attributes:
-        compute: yields jobs and their rows as they end; of the jobs, the number of threads, and
-            whether another job may begin. A function that other processes can import.
-        batch: equal for jobs that can share a batch.
-        succeeded: whether a row is a success, for the progress; None if that has no meaning.
-        prepare: compiles what the jobs need, of the jobs and the number of threads.
-    """
-
+    # Yields jobs and their rows as they end; of the jobs, the number of threads, and whether
+    # another job may begin. A function that other processes can import.
     compute: Callable[[Sequence[SomeJob], int, Callable[[], bool]], Iterator[tuple[SomeJob, Row]]]
-    batch: Callable[[SomeJob], Hashable]
+    batch: Callable[[SomeJob], Hashable]  # equal for jobs that can share a batch
+    # Whether a row is a success, for the progress; None if that has no meaning
     succeeded: Callable[[Row], bool] | None = None
+    # Compiles what the jobs need, of the jobs and the number of threads
     prepare: Callable[[Sequence[SomeJob], int], None] | None = None
 
 

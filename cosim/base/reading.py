@@ -37,15 +37,10 @@ MAX_KEY_PARTS = 32  # tomllib takes quadratic time and memory in the parts of a 
 
 
 class Kind(NamedTuple):
-    """A kind of file that is read.
+    """A kind of file that is read."""
 
-    Attributes:
-        name: what messages call it, such as "policy file".
-        fix: what to do if it cannot be read, such as "train it again".
-    """
-
-    name: str
-    fix: str
+    name: str  # what messages call it, such as "policy file"
+    fix: str  # what to do if it cannot be read, such as "train it again"
 
 
 def require_file(path: Path, kind: Kind) -> None:

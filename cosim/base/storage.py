@@ -112,8 +112,7 @@ def load_or_create(
 ) -> Value:
     """Return what the cache has at `path`, or make it: in one process, while others wait for it.
 
-    Args:
-        load: reads it; None if it is missing or damaged.
+    `load` returns None if it is missing or damaged.
     """
     if (found := load()) is not None:
         return found
@@ -132,8 +131,7 @@ def cached(
 ) -> Value:
     """Return the content of a file of the cache or `PACKAGED`; make it if missing or damaged.
 
-    Args:
-        path: of the file; its SHA-256 is kept next to it.
+    The file's SHA-256 is kept next to it.
     """
     require_no_folder(path)
 

@@ -188,10 +188,7 @@ def find_calibration(
 def calibrated_slower(
     config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
 ) -> CoSimConfig:
-    """Return a configuration as `calibrated` does, at most at the largest speed without hopping.
-
-    Raises a UserError where the robots do not move.
-    """
+    """Return a configuration as `calibrated` does, at most at the largest speed without hopping."""
     config = with_motor(config, motor_fmu)
     calibration = find_calibration(config, motor_fmu, progress)
     speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
@@ -203,9 +200,6 @@ def calibrated_slower(
 
 
 def calibrated(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
-    """The configuration with the motor speeds that realise its drive speed and turn rate.
-
-    Raises a UserError where the drive speed needs hopping.
-    """
+    """The configuration with the motor speeds that realise its drive speed and turn rate."""
     config = with_motor(config, motor_fmu)
     return find_calibration(config, motor_fmu, progress).resolved(config)

@@ -146,10 +146,7 @@ def stopping_distance(config: CoSimConfig, fmu: MotorFmu) -> tuple[float, float]
 
 
 def _reduced(config: CoSimConfig, *fields: str) -> CoSimConfig:
-    """Return a configuration without what decides nothing here, and with these fields of its world.
-
-    So that the measurement is found again: decisions, limits and names decide nothing.
-    """
+    """Return a configuration without what decides nothing here, so that results are found again."""
     clock = ("dt_s", "communication_step_s", "control_period_s")
     return replace(
         config,
@@ -206,9 +203,7 @@ def with_stopping_distance(
     with under_way(progress, "measuring errors of estimates"):
         drift, deviations, deviation_m = _kept(best_filter, seen, motor_fmu)
     config = config.having(
-        "measured",
-        deviations=math.ceil(100.0 * deviations) / 100.0,
-        position_drift_m2_s=drift,
+        "measured", deviations=math.ceil(100.0 * deviations) / 100.0, position_drift_m2_s=drift
     )
     assert config.shield is not None
     gap_m = stopping_gap(math.sqrt(2.0) * deviation_m, config.shield)

@@ -112,10 +112,9 @@ def _replay(
 
 
 def bias_of(tracks: Tracks, config: CoSimConfig) -> tuple[float, float]:
-    """Return the largest bias of an estimate, or of the difference of two, and how unsure they are.
+    """Return the largest bias of an estimate, or of the difference of two, in standard deviations.
 
-    Returns:
-        Bias in standard deviations; and the standard deviation in m that a tenth of the looks has.
+    And the standard deviation in m that a tenth of the looks has.
     """
     sensor = config.world.camera
     camera = camera_of(sensor, config.timing.control_period_s)

@@ -44,7 +44,6 @@ class Trial:
         commands: (N, COMMAND_SIZE), layout in `cosim.onboard.steering`.
         estimates: (N, ESTIMATE_SIZE), layout in `cosim.onboard.estimation`.
         origins_m: (N, 2) where each robot was put.
-        time_s: simulated time.
     """
 
     def __init__(
@@ -60,9 +59,7 @@ class Trial:
         """Put the robots on the floor.
 
         Args:
-            headings_rad: (N,) counter-clockwise from +x.
             seed: of the speed noise; every motor gets a child of its own.
-            motors: (N,) D and E of each robot; default the configuration's.
             gravity: in the frame of the floor, m/s²; default that of a level one.
             sight: (M, N, NOISE) frames of the world's camera, see `cosim.onboard.camera`; default
                 no camera, so that poses are known exactly.

@@ -62,11 +62,7 @@ def robot_properties(
     gravity: Vector | None = None,
     motors: tuple[MotorParams, MotorParams] | None = None,
 ) -> np.ndarray:
-    """Return the properties of a robot in its world: its column of `State.properties`.
-
-    Args:
-        gravity: in the frame of the floor, m/s²; default that of a level one.
-    """
+    """Return a robot's column of `State.properties`; gravity (m/s²) in the frame of the floor."""
     motor_d, motor_e = motors or (config.motor, config.motor)
     robot, dt_s = config.robot, config.timing.dt_s
     return properties_of(
@@ -115,9 +111,6 @@ class Motors:
 
     Signals are arrays (6, B), or (8, B), see `cosim.coupling.signals.State`. No motor is there
     before its robot's first `restart`. An FMU that fails raises an FmuError with instance and time.
-
-    Attributes:
-        calls: what compiled code needs to reach the instances.
     """
 
     def __init__(
@@ -313,7 +306,7 @@ class SpeedNoise:
         children = range(robots * len(MOTOR_NAMES))
         self._generators = [generator(seed, child) for child in children]
         self._amplitude = config.noise.relative_amplitude
-        self._hold = config.periods_per_noise_value
+        self._hold = round(config.noise.hold_s / config.timing.control_period_s)
         self._held = np.empty((0, len(children)))  # periods that the last values have left
 
     def draw(self, periods: int) -> np.ndarray:

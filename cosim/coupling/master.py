@@ -44,13 +44,7 @@ _CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
 
 
 class NotFiniteError(UserError):
-    """A signal that is no finite number, at the first tick at which it is none.
-
-    Attributes:
-        signal: its name, the first in the order of cause and effect.
-        column: of the robot.
-        tick: of the advance, from 0.
-    """
+    """A signal that is no finite number, at the first tick at which it is none."""
 
     def __init__(self, state: State, tick: int) -> None:
         values = np.concatenate([state.inputs, state.outputs, state.bodies])
@@ -214,10 +208,9 @@ def run_periods(
     calls: Calls,
     width: Width,
 ) -> tuple[int, int]:
-    """The loop of `CompiledDriver`; arguments as for `Driver.advance`.
+    """The loop of `CompiledDriver`: `Driver.advance`.
 
-    Returns:
-        The fmi3Status of a failed call and its instance's index; or NOT_FINITE and the tick.
+    Returns the fmi3Status of a failed call and its instance's index; or NOT_FINITE and the tick.
     """
     dt, count = plant.body.dt, plant.ticks_per_step
     instances, lanes = calls.instances.shape[0], len(width)

@@ -125,9 +125,6 @@ def _signals(array: np.ndarray, motor: int, column: int, width: Width) -> Vector
 def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width) -> bool:
     """Move the robots of a vector by one tick with the forces of their motors at its end.
 
-    Args:
-        state: variables; the robots' bodies move.
-
     Returns whether all of them have a finite place and velocity.
     """
     theta_d, omega_d, omega_dot_d = exchanged(plant, state, 0, column, tick, width)
@@ -164,10 +161,7 @@ def _watch_foot(
     impulse: Impulse,
     mu: float,
 ) -> float:
-    """Note a foot's impulses, of the last tick and of this one.
-
-    Returns 1.0 if it carries nothing, else 0.0.
-    """
+    """Note a foot's impulses, of the last tick and of this one; 1.0 if it carries nothing."""
     normal, friction = impulse[0], dot(impulse[1], impulse[1])
     _add(statistics, NORMAL + foot, column, width, normal)
     _add(statistics, FRICTION + 2 * foot, column, width, impulse[1][0])

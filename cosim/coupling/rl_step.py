@@ -16,10 +16,7 @@ POSES_S = 0.1  # between the poses of more robots
 
 
 def sampled_of(robots: int, named: Sequence[int] = ()) -> tuple[int, ...]:
-    """Return the indices of the robots with kept signals.
-
-    `named` are their numbers from 1; by default all of up to `SAMPLED`, else the first `SOME`.
-    """
+    """Return indices of robots with kept signals: of those `named` from 1, or by default some."""
     if not named:
         return tuple(range(robots if robots <= SAMPLED else SOME))
     if len(set(named)) < len(named) or not 1 <= min(named) <= max(named) <= robots:

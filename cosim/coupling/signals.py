@@ -157,13 +157,7 @@ def _annotated(record: type) -> dict[str, tuple[Any, ...]]:
 
 
 def new_state(episodes: int, robots: int, columns: int) -> State:
-    """State without running episodes, on endless floors without obstacles; robots have no mass yet.
-
-    Args:
-        episodes: K.
-        robots: N of each.
-        columns: B, at least K N.
-    """
+    """State without running episodes, on endless floors without obstacles, robots without mass."""
     sizes: dict[Any, Any] = {
         "K": episodes,
         "B": columns,

@@ -34,14 +34,7 @@ class FmuError(UserError):
 
 
 class Fmu:
-    """An unpacked FMU of FMI 3.0 for Co-Simulation.
-
-    Attributes:
-        folder: where it is unpacked.
-        description: fmpy's model description.
-        interface: fmpy's description of its Co-Simulation capabilities.
-        variables: fmpy's descriptions of its variables, by name.
-    """
+    """An unpacked FMU of FMI 3.0 for Co-Simulation."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -68,7 +68,6 @@ class MotorFmu(Fmu):
             OUTPUTS, ELECTRICAL (and LOOP, if there is one).
         closed_loop: value reference of the parameter that instances in open loop get, else None.
         size: value reference of the number of motors of an instance of arrays; None of one motor.
-        arrays: whether an instance has any number of motors.
         samples: whether an instance samples within a step, see `SAMPLED`.
         internal_step_s: internal step unless it is set, None if the FMU has none.
     """
@@ -252,7 +251,6 @@ class Motor:
     the instance and the simulated time, in s, where the FMU refuses a call.
 
     Attributes:
-        name: instance name.
         slave: fmpy's FMU3Slave, for drivers that step through Python.
         address, functions: of the instance and the binary, for drivers that step compiled.
         log: what the FMU has reported last, oldest first.
@@ -401,6 +399,11 @@ def with_motor(config: CoSimConfig, motor_fmu: Path) -> CoSimConfig:
         config = replace(config.merged(tree), **of_fmu)
     except ConfigError as error:
         raise FmuError(f"{name}: {error}") from None
-    if "motors" in config.open_loop:
-        config.require_known("--open-loop motors", "K_T", "R", "b", "c")
+    unknown = [n for n, text in config.sources if text.startswith(UNKNOWN)]
+    lacking = [n for n in unknown if n in ("K_T", "R", "b", "c")]
+    if lacking and "motors" in config.open_loop:
+        raise ConfigError(
+            f"the motor FMU does not expose {', '.join(lacking)}, which --open-loop motors needs; "
+            "export it with them"
+        )
     return config

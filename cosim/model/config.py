@@ -12,25 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import msgspec
 
 from cosim.base.arguments import ConfigError, validate_fields
-from cosim.model.params import (
-    ESTIMATOR,
-    SHIELD,
-    SPEED_NOISE,
-    STEERING,
-    TABLE_I,
-    TABLE_II,
-    TIMING,
-    EstimatorParams,
-    MotorParams,
-    NoiseParams,
-    Quantity,
-    RobotParams,
-    ShieldParams,
-    SteeringParams,
-    TimingParams,
-    describe,
-    lift_off_speed,
-)
+from cosim.model import params
 from cosim.model.world import IDEAL, Tree, World, parameter_name, tree_of
 
 OnCollision = Literal["end", "continue"]
@@ -44,8 +26,8 @@ _ROUNDING = 1e-9  # relative, of a period that shall be a multiple of another on
 _RECORDS = ("robot", "motor", "noise", "timing", "steering", "estimator", "shield")
 
 
-def _option(description: str) -> Quantity:
-    return Quantity("", "default", description)
+def _option(description: str) -> params.Quantity:
+    return params.Quantity("", "default", description)
 
 
 class Leaf(NamedTuple):
@@ -53,7 +35,7 @@ class Leaf(NamedTuple):
 
     path: str
     value: Any
-    quantity: Quantity
+    quantity: params.Quantity
 
     def __str__(self) -> str:
         value = "none" if self.value in ("", [], None) else self.value
@@ -73,12 +55,6 @@ class CoSimConfig:
         robot: body, feet and floor; its diameter is the scenario's, see `sized`.
         motor: eccentric masses for Eq. (3), and parameters of the FMU where they differ from
             Table II.
-        noise: of the speed measurement.
-        timing: clock, decisions and limits.
-        steering: speeds and gains.
-        estimator: of the filter that robots see the camera through.
-        reaction: the paper neglects it.
-        portable: see `cosim.physics.trig`.
         on_collision: as does entering another robot's target cell: end the episode, or push on.
         world: floor, motors, load and camera; its `mu` and speed noise are in `robot` and `noise`,
             its obstacles in the scenario.
@@ -87,7 +63,6 @@ class CoSimConfig:
             (`cosim.onboard.yielding`). None for no shield.
         open_loop: motors get the voltage that gives their set point in the mean instead of the loop
             of Eq. (14), and robots keep no course while they drive.
-        preset: see `cosim.model.preset`.
         sources: of parameters that were set, as (name, text), see `merged`; UNKNOWN for one that
             the motor FMU does not expose. They do not matter for equality.
         motor_parameters: values that every motor FMU is given, by name, in addition to what differs
@@ -96,12 +71,12 @@ class CoSimConfig:
             only `motor_parameters` are set. Empty for the built-in FMU.
     """
 
-    robot: RobotParams = TABLE_I
-    motor: MotorParams = TABLE_II
-    noise: NoiseParams = SPEED_NOISE
-    timing: TimingParams = TIMING
-    steering: SteeringParams = STEERING
-    estimator: EstimatorParams = ESTIMATOR
+    robot: params.RobotParams = params.TABLE_I
+    motor: params.MotorParams = params.TABLE_II
+    noise: params.NoiseParams = params.SPEED_NOISE
+    timing: params.TimingParams = params.TIMING
+    steering: params.SteeringParams = params.STEERING
+    estimator: params.EstimatorParams = params.ESTIMATOR
     reaction: Annotated[bool, _option("whether motors feel the body's acceleration")] = False
     portable: Annotated[bool, _option("whether no angle is computed by the C library")] = False
     on_collision: Annotated[
@@ -112,7 +87,7 @@ class CoSimConfig:
         bool, _option("whether robots drive on at the end of a move until asked")
     ] = False
     shield: Annotated[
-        ShieldParams | None, _option("whether a monitor keeps robots apart, for any policy")
+        params.ShieldParams | None, _option("whether a monitor keeps robots apart, for any policy")
     ] = None
     open_loop: Annotated[tuple[Loop, ...], _option("what goes without feedback")] = ()
     preset: Annotated[str, _option("machine that the parameters are of")] = "paper"
@@ -230,20 +205,11 @@ class CoSimConfig:
         kept = tuple((name, text) for name, text in self.sources if name not in left)
         return replace(self, world=IDEAL, sources=kept).merged(world.tree())
 
-    def require_known(self, what: str, *names: str) -> None:
-        """Refuse motors of which a parameter is unknown."""
-        lacking = [n for n, text in self.sources if text.startswith(UNKNOWN) and n in names]
-        if lacking:
-            raise ConfigError(
-                f"the motor FMU does not expose {', '.join(lacking)}, which {what} needs; "
-                "export it with them"
-            )
-
     @property
     def lift_off_rad_s(self) -> float:
         """Motor speed that lifts the robot with its payload off a level floor."""
         mass_kg = self.robot.mass_kg + 1e-3 * self.world.payload_g
-        return lift_off_speed(self.robot._replace(mass_kg=mass_kg), self.motor)
+        return params.lift_off_speed(self.robot._replace(mass_kg=mass_kg), self.motor)
 
     @property
     def ticks_per_step(self) -> int:
@@ -264,16 +230,8 @@ class CoSimConfig:
         """Control periods per RL step."""
         return round(self.timing.rl_step_s / self.timing.control_period_s)
 
-    @property
-    def periods_per_noise_value(self) -> int:
-        """Number of control periods of one noise value."""
-        return round(self.noise.hold_s / self.timing.control_period_s)
-
     def leaves(self) -> dict[str, Leaf]:
-        """Return every parameter by its name, with its own source.
-
-        A value without a recorded source that differs from the default is "given".
-        """
+        """Return every parameter by name with its source; "given" if changed without a record."""
         usual, sources = CoSimConfig()._declared(), dict(self.sources)
         found = {}
         for name, (path, value, quantity) in self._declared().items():
@@ -290,15 +248,15 @@ class CoSimConfig:
 
     def _declared(self) -> dict[str, Leaf]:
         """Return every parameter by its name, with the sources of defaults; values as in JSON."""
-        tables: dict[str, Any] = {part: getattr(self, part) or SHIELD for part in _RECORDS}
+        tables: dict[str, Any] = {part: getattr(self, part) or params.SHIELD for part in _RECORDS}
         tables |= {"world": self.world, "world.sensor": self.world.camera, "": self}
         rows = {
             parameter_name(table, n): Leaf(f"{table}.{n}".removeprefix("."), value, quantity)
             for table, record in tables.items()
-            for n, (value, quantity) in describe(record).items()
+            for n, (value, quantity) in params.describe(record).items()
         }
         for name, value in self.motor_parameters:
-            quantity = Quantity("", OF_MOTOR, "of the motor FMU")
+            quantity = params.Quantity("", OF_MOTOR, "of the motor FMU")
             rows.setdefault(name, Leaf(f"motor_parameters.{name}", value, quantity))
         changed = {"open_loop": " ".join(self.open_loop), "shield": bool(self.shield)}
         for name, leaf in rows.items():
@@ -307,7 +265,7 @@ class CoSimConfig:
         return rows
 
 
-def proportional(steering: SteeringParams, share: float) -> Tree:
+def proportional(steering: params.SteeringParams, share: float) -> Tree:
     """Return a share of the motor speeds of the steering."""
     speeds = {n: share * v for n, v in steering._asdict().items() if n.endswith("_speed_rad_s")}
     return tree_of("computed: in proportion to lift-off", **speeds)

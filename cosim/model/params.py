@@ -83,8 +83,7 @@ class RobotParams(NamedTuple):
         Quantity("1", "assumed: 0.1 to 0.4 in the literature", "Coulomb friction of the feet"),
     ] = 0.15
     mu_robots: Annotated[
-        Amount,
-        Quantity("1", "assumed, on any floor", "Coulomb friction between robots that touch"),
+        Amount, Quantity("1", "assumed, on any floor", "Coulomb friction between robots that touch")
     ] = 0.15
 
 

@@ -19,14 +19,7 @@ from cosim.base.errors import UserError
 from cosim.base.reading import Kind, naming, read_toml
 from cosim.base.storage import replacing, require_suffix
 from cosim.model.config import CoSimConfig, proportional
-from cosim.model.params import (
-    STEERING,
-    TABLE_I,
-    TABLE_II,
-    MotorParams,
-    RobotParams,
-    lift_off_speed,
-)
+from cosim.model.params import STEERING, TABLE_I, TABLE_II, MotorParams, RobotParams, lift_off_speed
 from cosim.model.scenario import Scenario
 from cosim.model.world import Sensor, parameter_name
 
@@ -48,7 +41,6 @@ class Preset(NamedTuple):
 
     Attributes:
         name: what `--preset` calls it, or the file's name without its ending.
-        source: of the machine, for people.
         tree: what the machine states, by the names of `CoSimConfig.table`.
     """
 

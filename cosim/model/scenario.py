@@ -57,12 +57,8 @@ class Scenario:
     1
 
     Attributes:
-        name: what `--scenario` calls it.
-        title: one line for people.
         targets: target cell of each robot, length N.
         starts: start cells of each robot, N tuples of cells.
-        columns: board width in cells (30, Section V).
-        rows: board height in cells (30, Section V).
         cell_m: edge of a cell in m (assumed: 1 cm, so that a target "occupies a single cell").
         zone: central zone as (first column, first row, last column, last row), inclusive
             (7 x 7 cells, Section V).

@@ -13,15 +13,7 @@ from cosim.base.arguments import validate_argument
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, naming, read_toml
 from cosim.model.params import TABLE_I
-from cosim.model.scenario import (
-    MAX_ROBOTS,
-    MAX_SIDE_CELLS,
-    Cell,
-    Scenario,
-    Side,
-    filled,
-    sides,
-)
+from cosim.model.scenario import MAX_ROBOTS, MAX_SIDE_CELLS, Cell, Scenario, Side, filled, sides
 from cosim.model.swarm import Swarm, lay_out
 from cosim.model.world import IDEAL, Rectangle, World
 
@@ -53,8 +45,7 @@ def _built_in(name: str) -> Scenario:
 def find_scenario(name_or_path: str | Path | Scenario, *, ideal: bool = False) -> Scenario:
     """Built-in scenario of that name, or the one in a TOML file; a record is returned as it is.
 
-    Args:
-        ideal: refuse a world of its own, of which only obstacles would have an effect.
+    `ideal` refuses a world of its own, of which only obstacles would have an effect.
     """
     scenario, world = find_in_world(name_or_path)
     if ideal and msgspec.structs.replace(world, obstacles=()) != IDEAL:
@@ -67,10 +58,7 @@ def find_scenario(name_or_path: str | Path | Scenario, *, ideal: bool = False) -
 def find_in_world(
     scenario: str | Path | Scenario, world: str | Path | World | Mapping[str, Any] | None = None
 ) -> tuple[Scenario, World]:
-    """A scenario, with the obstacles of its world, and the world it is in.
-
-    A world is by default the table `[world]` of the scenario file, or the paper's.
-    """
+    """A scenario with the obstacles of its world, by default its own, and that world."""
     name, own, declared = str(scenario), IDEAL, world
     if isinstance(declared, str | Path):
         declared = read_world(Path(declared))

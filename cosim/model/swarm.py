@@ -20,19 +20,14 @@ _TARGETS = Kind("file of target cells", "write a line `column,row` for each robo
 
 
 class Swarm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The table `[swarm]` of a scenario file.
-
-    Attributes:
-        robots: their number.
-        spacing: cells between neighbouring points of the lattice.
-        targets: "swap" (robots 1 and 2, 3 and 4 and so on of a row change places, and each ends
-            just above those where one began), "across" (all move to the same lattice in the right
-            half of the board), "square" (to a dense one there), a list of cells, or a file (.csv)
-            with a line `column,row` for each robot.
-    """
+    """The table `[swarm]` of a scenario file."""
 
     robots: Annotated[int, msgspec.Meta(ge=1, le=MAX_ROBOTS)]
-    spacing: Side = 12
+    spacing: Side = 12  # cells between neighbouring points of the lattice
+    # "swap" (robots 1 and 2, 3 and 4 and so on of a row change places, and each ends just above
+    # those where one began), "across" (all move to the same lattice in the right half of the
+    # board), "square" (to a dense one there), a list of cells, or a file (.csv) with a line
+    # `column,row` for each robot
     targets: str | list[Cell] = "swap"
 
 

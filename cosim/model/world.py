@@ -93,11 +93,7 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     0.3
 
     Attributes:
-        mu: Coulomb friction coefficient of the floor.
-        mu_patches: cells with another one.
-        motor_spread: of every motor's own parameters.
         motor_speed_noise: half width of the uniform noise on measured speeds over the set point.
-        floor_tilt_deg: every episode draws where the floor falls.
         payload_offset_mm: of the payload, forwards and to the left of the robot's axis.
         motor_phases_deg: angles at which the motors begin, r1.D, r1.E, r2.D and so on; 0, and by
             default all, with the eccentric mass straight down.
@@ -177,15 +173,11 @@ def parameter_name(table: str, name: str) -> str:
 
 
 class Drawn(msgspec.Struct, frozen=True):
-    """Values that an episode has drawn from its world.
+    """Values that an episode has drawn from its world."""
 
-    Attributes:
-        motors: of every robot motors D and E, with their own K_T, R, J and r.
-        tilt_direction_deg: where the floor falls, counter-clockwise from +x.
-    """
-
+    # Of every robot motors D and E, with their own K_T, R, J and r
     motors: tuple[tuple[MotorParams, MotorParams], ...]
-    tilt_direction_deg: float
+    tilt_direction_deg: float  # where the floor falls, counter-clockwise from +x
 
     def table(self) -> dict[str, dict[str, float]]:
         """Return what summaries list: K_T, R, J and r of every motor, and the slope."""
@@ -197,10 +189,7 @@ class Drawn(msgspec.Struct, frozen=True):
 
 
 def generator(seed: np.random.SeedSequence, child: int) -> np.random.Generator:
-    """Generator of a child of a seed.
-
-    The seed stays as it is: unlike with `seed.spawn`, a second call gives the same generator.
-    """
+    """Generator of a child of a seed; the seed stays as it is, unlike with `seed.spawn`."""
     return np.random.default_rng(
         np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, child))
     )
@@ -227,12 +216,7 @@ def draw_world(
 
 
 def motor_phases(world: World, robots: int) -> np.ndarray:
-    """Angles at which the motors of an episode begin.
-
-    Returns:
-        (N, 2) rad of motors D and E, 0 where the mass hangs straight down; NaN where the world says
-        nothing.
-    """
+    """(N, 2) rad at which motors D and E begin, 0 hanging; NaN where the world says nothing."""
     phases_deg, motors = world.motor_phases_deg, 2 * robots
     if not phases_deg:
         return np.full((robots, 2), np.nan)

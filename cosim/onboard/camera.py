@@ -73,11 +73,8 @@ def update_estimate(
     """Bring a robot's estimate to the start of a control period.
 
     Args:
-        camera: (CAMERA_SIZE,) of the robot.
         frames: (F, FRAME_SIZE), at least `frames_in_flight` rows, for them.
-        estimate: of the robot, layout in `cosim.onboard.estimation`.
         sight: (M, NOISE) of frames since it was drawn.
-        pose: the true one.
     """
     if camera[INTERVAL] == 0.0:
         estimate[POSE], estimate[POSE + 1], estimate[POSE + 2] = pose

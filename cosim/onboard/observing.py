@@ -66,10 +66,8 @@ def observe(
     """Return what a policy sees.
 
     Args:
-        positions_m: (N, 2) centres of the robots.
         headings_rad: (N,) counter-clockwise from +x.
         squared_before: (N,) int64, `nearest_squared` at each robot's previous decision.
-        targets: (N, 2) int64, target cell of each robot.
     """
     cells = cells_of(positions_m, cell_m)
     squared = nearest_squared(cells)

@@ -71,11 +71,6 @@ def guard(
     """Stop the robots of an episode that lack room, and let one of them in each zone retreat.
 
     Args:
-        commands: (B, COMMAND_SIZE), see `cosim.onboard.steering`; changed.
-        estimates: (B, ESTIMATE_SIZE), see `cosim.onboard.estimation`.
-        shields: (B, SHIELD_SIZE), see the layout; changed.
-        first: column of the episode's first robot; the others follow.
-        ground: where they may not go.
         near_robots, near_targets, near_zone: (LISTS, B) int64, room for `cosim.physics.neighbours`.
     """
     # What is beyond the gap leaves more room than any robot is stopped for, see `stopping_gap`.

@@ -57,9 +57,6 @@ def steer(
 
     Args:
         command: shape (COMMAND_SIZE,), see the layout above; the controller's memory is updated.
-        x, y: position in m.
-        heading: in rad.
-        period_s: length of the control period in s.
     """
     command[SPEED] = command[YAW_RATE] = 0.0
     if command[MODE] == HOLD:

@@ -114,8 +114,6 @@ def permitted(
     Args:
         positions: (N, 2) centres of the robots in m.
         goals: (N, 2) end of each robot's move in m, NaN for a robot that stands.
-        robot: that decides; it stands.
-        direction: index of the direction that it wants.
         margin_m: least gap to the other robots' plans, to obstacles and to forbidden cells.
         turns: (8,) int64, from the wanted direction to those that are tried, 0 the first.
 
@@ -175,7 +173,6 @@ def _meets(
 
     Args:
         rectangles: (M, 4) left, bottom, right, top in m.
-        least_m: distance that is kept.
         owners: (M,) robots for which a rectangle counts for nothing.
         robot: robot of the plan; −1 where all rectangles count.
     """

@@ -43,19 +43,14 @@ def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: floa
 
 
 class Body(NamedTuple):
-    """State of one robot, or of the robots in the lanes of a vector; see the layout above.
+    """State of one robot, or of the robots in the lanes of a vector; see the layout above."""
 
-    Attributes:
-        position, velocity: of the centre of mass, world frame, m and m/s.
-        orientation: world from body.
-        omega: body frame, rad/s.
-        at_a, at_b, at_c: impulses of the last step, body frame, N s.
-    """
-
+    # position, velocity: of the centre of mass, world frame, m and m/s
     position: Vector
-    orientation: Quaternion
+    orientation: Quaternion  # world from body
     velocity: Vector
-    omega: Vector
+    omega: Vector  # body frame, rad/s
+    # at_a, at_b, at_c: impulses of the last step, body frame, N s
     at_a: Impulse
     at_b: Impulse
     at_c: Impulse

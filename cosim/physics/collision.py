@@ -3,6 +3,7 @@
 What is in contact gets one impulse per tick, after the floor contacts; the feet answer in the next
 tick. The line of contact is taken as a point at the height of the centre of mass (assumed), so
 that a push does not tip, and the axes as vertical: a robot tilts by less than a milliradian.
+Arrays are those of a `State` in `cosim.coupling.signals`.
 """
 
 import math
@@ -43,17 +44,10 @@ def find_near_pairs(
     near: np.ndarray,
     count: int,
 ) -> int:
-    """Write the pairs of an episode's robots that are close enough to touch soon.
+    """Write the pairs of an episode's robots that may touch soon; returns the rows until now.
 
     Args:
-        bodies: (STATE_SIZE, B).
-        first: column of the episode's first robot; the others follow.
-        board: (2,) extent of the board in m.
-        lists: (LISTS, B) int64, room for `cosim.physics.neighbours`.
         near: (P, 2) int64, columns of pairs, written from row `count` on.
-
-    Returns:
-        Number of pairs written until now.
     """
     reach = pair.diameter + pair.near
     grid = list_by_cells(lists, bodies[X], bodies[Y], first, robots, board, reach)
@@ -71,22 +65,9 @@ def find_near_pairs(
 
 @inlined
 def push_apart(
-    bodies: np.ndarray,
-    properties: np.ndarray,
-    a: int,
-    b: int,
-    pair: PairParams,
-    inverse_dt: float,
+    bodies: np.ndarray, properties: np.ndarray, a: int, b: int, pair: PairParams, inverse_dt: float
 ) -> float:
-    """Apply the contact impulse between two robots, in place.
-
-    Args:
-        bodies: (STATE_SIZE, B).
-        properties: (PROPERTIES, B), see `cosim.physics.properties`.
-
-    Returns:
-        The normal impulse in N s, 0 if they do not touch.
-    """
+    """Apply the contact impulse between two robots, in place; returns its normal part in N s."""
     dx, dy = bodies[X, b] - bodies[X, a], bodies[Y, b] - bodies[Y, a]
     distance = math.sqrt(dx * dx + dy * dy)
     nx, ny = dx / distance, dy / distance  # from a to b; the tangent is (−ny, nx)
@@ -123,15 +104,10 @@ def find_near_obstacles(
     near: np.ndarray,
     count: int,
 ) -> int:
-    """Write the obstacles that a robot may touch soon.
+    """Write the obstacles that a robot may touch soon; returns the rows until now.
 
     Args:
-        bodies: (STATE_SIZE, B).
-        obstacles: (M, 4) rectangles left, bottom, right, top in m.
         near: (P, 2) int64, column and obstacle, written from row `count` on.
-
-    Returns:
-        Number of rows written until now.
     """
     reach = 0.5 * pair.diameter + pair.near
     for k in range(len(obstacles)):
@@ -158,17 +134,7 @@ def push_off(
     pair: PairParams,
     inverse_dt: float,
 ) -> float:
-    """Apply the contact impulse of an obstacle, which stays, to a robot, in place.
-
-    Args:
-        bodies: (STATE_SIZE, B).
-        properties: (PROPERTIES, B), see `cosim.physics.properties`.
-        column: of the robot; its centre is not in the obstacle.
-        rectangle: left, bottom, right, top in m.
-
-    Returns:
-        The normal impulse in N s, 0 if they do not touch.
-    """
+    """Apply the contact impulse of an obstacle, which stays; returns its normal part in N s."""
     dx, dy = away_from(rectangle, bodies[X, column], bodies[Y, column])
     distance = math.sqrt(dx * dx + dy * dy)
     nx, ny = dx / distance, dy / distance  # to the robot; the tangent is (−ny, nx)

@@ -64,10 +64,7 @@ def foot_positions(robot: RobotParams) -> np.ndarray:
 
 
 def floor_margin(robot: RobotParams, world: World) -> float:
-    """Return how far the centre of mass is from the edge of a floor with all feet on it, m.
-
-    It is 0 where the floor does not end.
-    """
+    """Return how far the centre of mass is from the floor's edge, feet on it, m; 0 without edge."""
     feet = foot_positions(robot)[:, :2] - mass_of(robot, world).centre
     return float(np.hypot(*feet.T).max()) if world.edge else 0.0
 

@@ -44,17 +44,11 @@ def list_by_cells(
     board: np.ndarray,
     reach: float,
 ) -> Grid:
-    """List places by cells, for `find_near`.
+    """List places by cells, for `find_near`; returns the cells.
 
     Args:
-        lists: (LISTS, B) int64, written in the columns of the episode.
         xs, ys: (B,) places in m; those off the board count to the cells at its edge.
-        first: column of the episode's first place; the others follow.
-        board: (2,) extent of the board in m.
         reach: distance in m within which places are to be found.
-
-    Returns:
-        The cells.
     """
     columns = rows = 1
     if count > _FEW:
@@ -79,10 +73,7 @@ def list_by_cells(
 def find_near(lists: np.ndarray, grid: Grid, x: float, y: float) -> int:
     """Write the columns of all places within reach of (x, y), and of some beyond, to row FOUND.
 
-    They begin at the episode's first column and ascend.
-
-    Returns:
-        Their number.
+    They begin at the episode's first column and ascend. Returns their number.
     """
     if grid.columns * grid.rows == 1:
         return grid.count  # all of them, see `list_by_cells`

@@ -181,8 +181,6 @@ def feel_patches(
     """Put the friction coefficients that are under a robot's feet among its properties.
 
     Args:
-        properties: (PROPERTIES, B), layout above; rows MU change.
-        bodies: (STATE_SIZE, B), layout in `cosim.physics.body_state`.
         patches: (P, 5) left, bottom, right, top in m, and mu; later ones cover earlier ones.
     """
     axes = rotation_matrix(orientation_of(bodies[:, column]))

@@ -24,27 +24,11 @@ from cosim.model.scenario import Scenario
 from cosim.model.world import Drawn, Patch
 from cosim.onboard.features import DISTANCE_CLASSES, GRADIENT_SIGNS, Observation
 from cosim.onboard.steering import DIRECT, MODE_NAMES
+from cosim.recording import series
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page
 from cosim.recording.file import Kept, Recording, scalars, simulated
 from cosim.recording.scene import SWARM, RobotScene, write_floor, write_scene, write_styles
-from cosim.recording.series import (
-    ARRIVED,
-    DETAILS,
-    DIRECTION_NAMES,
-    DRIVEN,
-    OUTCOME,
-    REWARD_PARTS,
-    STILL_RUNNING,
-    WHITE,
-    Level,
-    PolicyMap,
-    SignalSpec,
-    Stretch,
-    periods,
-    robot_names,
-    signals_of,
-)
 
 _STRETCH_S = 20.0  # simulated time that is handed to the thread at once
 _STRETCH_ROBOT_S = 160.0  # of many robots less: a robot's samples of 20 s take 10 MB
@@ -73,13 +57,7 @@ class EpisodeRecorder:
     end.
 
     Args:
-        path: of the recording, or what keeps it in memory.
         config: parameters; its `burst_s` should be that of the level.
-        recording_id: identity of the recording; equal runs use equal ones.
-        facts: what identifies the run, as JSON can hold it, for properties and `/info/run`.
-        viewer: address of a running viewer that gets the same data, if any.
-        policies: what each robot's policy says of each cell, to be drawn on the floor.
-        drawn: what the episode has drawn from its world, if that draws anything.
         sampled: indices of the robots whose signals steps have; by default `sampled_of`. If these
             are not all, of the others the poses are recorded, together in one entity.
     """
@@ -92,21 +70,23 @@ class EpisodeRecorder:
         recording_id: str,
         facts: dict[str, Any],
         *,
-        level: Level = "default",
+        level: series.Level = "default",
         viewer: str | None = None,
-        policies: Sequence[PolicyMap] = (),
+        policies: Sequence[series.PolicyMap] = (),
         drawn: Drawn | None = None,
         sampled: tuple[int, ...] | None = None,
     ) -> None:
         if config.world.draws and drawn is not None:
             facts = facts | {"drawn": drawn.table()}
         self._sampled = sampled_of(scenario.robots) if sampled is None else sampled
-        self._names, count = robot_names(self._sampled), len(self._sampled)
+        self._names, count = series.robot_names(self._sampled), len(self._sampled)
         self._all_sampled = count == scenario.robots
-        self._scenario, self._config, self._detail = scenario, config, DETAILS[level]
+        self._scenario, self._config, self._detail = scenario, config, series.DETAILS[level]
         camera = config.world.camera.rate_hz > 0.0
         self._distances = count > 1 and self._all_sampled
-        self._signals = signals_of(distances=self._distances, camera=camera, full=self._detail.full)
+        self._signals = series.signals_of(
+            distances=self._distances, camera=camera, full=self._detail.full
+        )
         self._return = np.zeros(count)
         self._modes = np.full(count, -1.0)
         self._valued = False  # whether the unit of action values is written
@@ -139,9 +119,9 @@ class EpisodeRecorder:
     def _open(
         self,
         file: Recording | Kept,
-        level: Level,
+        level: series.Level,
         facts: dict[str, Any],
-        policies: Sequence[PolicyMap],
+        policies: Sequence[series.PolicyMap],
     ) -> None:
         """Write what is known before the first RL step."""
         self._file, scenario = file, self._scenario
@@ -157,8 +137,8 @@ class EpisodeRecorder:
         file.properties("parameters", self._config.table())
         robot, patches = self._config.robot, self._config.world.mu_patches
         file.send(_unchanging(scenario, robot, patches, tuple(self._signals), self._sampled))
-        file.states(OUTCOME, simulated(np.zeros(1)), [STILL_RUNNING])
-        self._write_label(0.0, STILL_RUNNING)
+        file.states(series.OUTCOME, simulated(np.zeros(1)), [series.STILL_RUNNING])
+        self._write_label(0.0, series.STILL_RUNNING)
         for name, policy in zip(self._names, policies, strict=False):
             write_floor(file, name, scenario, policy)
         write_run_page(file, facts, self._config)
@@ -211,7 +191,7 @@ class EpisodeRecorder:
         if self._error is not None:
             raise self._error
         if reward_parts is None:
-            reward_parts = np.full((self._scenario.robots, len(REWARD_PARTS)), np.nan)
+            reward_parts = np.full((self._scenario.robots, len(series.REWARD_PARTS)), np.nan)
         decision = decision or Decision(step.action)
         if not self._all_sampled:
             step, decision = step.of_sampled(), decision.of(self._sampled)
@@ -233,7 +213,7 @@ class EpisodeRecorder:
             return
         self._file.check_space()
         steps = [decided.step for decided in stretch]
-        sampled = Stretch(steps, self._config.timing)
+        sampled = series.Stretch(steps, self._config.timing)
         end_s = self._end_s(steps[-1])
         whole = self._live or end_s > self._next_flush_s - _ROUNDING_S
         self._write_signals(sampled)
@@ -255,7 +235,7 @@ class EpisodeRecorder:
         elif end_s < _SHORT_S:
             self._file.send_rows(_MANY_ROWS)
 
-    def _write_signals(self, sampled: Stretch) -> None:
+    def _write_signals(self, sampled: series.Stretch) -> None:
         timing = self._config.timing
         if not len(sampled.time_s):
             return
@@ -263,7 +243,7 @@ class EpisodeRecorder:
             if signal.of is None or signal.rate == "burst":
                 continue
             rate_s = getattr(self._detail, f"{signal.rate}_s")
-            every = periods(rate_s, timing.control_period_s, timing.rl_step_s)
+            every = series.periods(rate_s, timing.control_period_s, timing.rl_step_s)
             values = sampled.rows(signal.of, every, signal.reduced)
             if np.isnan(values[0]).any():  # what the motor FMU does not tell
                 continue
@@ -319,7 +299,7 @@ class EpisodeRecorder:
             if not self._valued:
                 self._file.static(f"/rl/{name}/q_s", rr.AnyValues(unit=decisions[0].unit))
             self._write_numbers(name, times, q_s=np.array(values))
-            greedy = [DIRECTION_NAMES[int(d.action[robot])] for d in decisions]
+            greedy = [series.DIRECTION_NAMES[int(d.action[robot])] for d in decisions]
             self._file.states(f"/rl/{name}/greedy", times, greedy)
         if steps[-1].outcome:
             seen.append(steps[-1].after)
@@ -379,14 +359,16 @@ class EpisodeRecorder:
         lines = [line for lines in told for line in lines]
         write_lines(self._file, lines)
         for line in lines:
-            if line.entity == OUTCOME:
+            if line.entity == series.OUTCOME:
                 self._write_label(line.time_s, line.state)
 
     def _write_label(self, time_s: float, outcome: str) -> None:
         """Write the outcome above the board: the end of a timeline has no room for it."""
         width, height = self._scenario.size_m
         at = [(width / 2.0, height, _LABEL_HEIGHTS * height)]
-        label = rr.Points3D.columns(positions=at, labels=[outcome], colors=[WHITE], radii=[0.0])
+        label = rr.Points3D.columns(
+            positions=at, labels=[outcome], colors=[series.WHITE], radii=[0.0]
+        )
         self._file.columns("/world/outcome", simulated(np.array([time_s])), label)
 
     def _end_s(self, step: Step) -> float:
@@ -399,7 +381,7 @@ def _unchanging(
     scenario: Scenario,
     robot: RobotParams,
     patches: tuple[Patch, ...],
-    signals: tuple[SignalSpec, ...],
+    signals: tuple[series.SignalSpec, ...],
     sampled: tuple[int, ...],
 ) -> list[Chunk]:
     """Return the scene and the styles of all signals."""
@@ -412,5 +394,5 @@ def _unchanging(
 def _action_name(step: Step, robot: int) -> str:
     """Return what a robot does in an RL step: a direction, commanded motors, or nothing more."""
     if (action := int(step.action[robot])) >= 0:
-        return DIRECTION_NAMES[action]
-    return DRIVEN if step.samples.mode[0, robot] == DIRECT else ARRIVED
+        return series.DIRECTION_NAMES[action]
+    return series.DRIVEN if step.samples.mode[0, robot] == DIRECT else series.ARRIVED

@@ -13,19 +13,8 @@ from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import COLLISION
 from cosim.model.scenario import Scenario, touches_obstacle
+from cosim.recording import series
 from cosim.recording.file import Kept, simulated
-from cosim.recording.series import (
-    DIRECTION_NAMES,
-    ENDED,
-    GIVEN_UP,
-    IN_ZONE,
-    NOT_ARRIVED,
-    OFF_THE_BOARD,
-    ON_OBSTACLE,
-    ON_TARGET,
-    OUTCOME,
-    robot_names,
-)
 
 # Vibrating robots part and meet many times a second; that is one contact.
 NEW_CONTACT_S = 0.5
@@ -45,17 +34,14 @@ class Line(NamedTuple):
 
 
 class EpisodeLog:
-    """Turns RL steps of all robots, or of those with some indices, into lines.
-
-    It remembers what began in earlier steps.
-    """
+    """Turns RL steps into lines; it remembers what began in earlier ones."""
 
     def __init__(
         self, scenario: Scenario, config: CoSimConfig, sampled: Sequence[int] | None = None
     ) -> None:
         self._scenario, self._config = scenario, config
         self._sampled = range(scenario.robots) if sampled is None else sampled
-        self._names, n = robot_names(self._sampled), len(self._sampled)
+        self._names, n = series.robot_names(self._sampled), len(self._sampled)
         self._walls_m = scenario.walls * scenario.cell_m
         self._moving = np.zeros(n, dtype=bool)
         self._touched_s: dict[tuple[int, int], float] = {}  # last time of pairs; of one, a wall
@@ -77,7 +63,7 @@ class EpisodeLog:
             name = self._names[robot]
             known = not np.isnan(reward[robot])
             text = f"{name} ends its move in {where}" + known * f", reward {reward[robot]:.2f}"
-            lines.append(Line(end_s, step.number, "INFO", text, f"/rl/{name}/move", ENDED))
+            lines.append(Line(end_s, step.number, "INFO", text, f"/rl/{name}/move", series.ENDED))
         self._moving = (step.action >= 0) & ~step.completed
         if step.outcome:
             for name, state, detail in self._failures(step):
@@ -85,18 +71,18 @@ class EpisodeLog:
                 lines.append(Line(end_s, step.number, "WARN", text, entity, state))
             level = "INFO" if step.outcome == "success" else "ERROR"
             text = f"episode ends: {step.outcome}"
-            lines.append(Line(end_s, step.number, level, text, OUTCOME, step.outcome))
+            lines.append(Line(end_s, step.number, level, text, series.OUTCOME, step.outcome))
         return lines
 
     def _decision(self, step: Step, robot: int) -> list[tuple[str, str, str, str]]:
         """Level, text, entity and state of the lines on a decision."""
         name, where = self._names[robot], tuple(step.before.cells[robot].tolist())
-        entity, direction = f"/rl/{name}/move", DIRECTION_NAMES[int(step.action[robot])]
+        entity, direction = f"/rl/{name}/move", series.DIRECTION_NAMES[int(step.action[robot])]
         decided = ("INFO", f"{name} in {where} heads for {direction}", entity, direction)
         if not self._moving[robot]:
             return [decided]
         text = f"{name} gives its move up after {self._config.timing.move_limit_s:g} s"
-        return [("WARN", text, entity, GIVEN_UP), decided]
+        return [("WARN", text, entity, series.GIVEN_UP), decided]
 
     def _contacts(self, step: Step, start_s: float) -> Iterator[Line]:
         """Pairs and robots at obstacles that begin to touch, and where."""
@@ -136,16 +122,17 @@ class EpisodeLog:
             target = self._scenario.targets[self._sampled[robot]]
             place = f" at ({100.0 * x:.2f}, {100.0 * y:.2f}) cm"
             if step.outcome == "out_of_board" and not (0.0 <= x <= width and 0.0 <= y <= height):
-                yield name, OFF_THE_BOARD, place
+                yield name, series.OFF_THE_BOARD, place
             touches = step.samples.touching_share[-1, robot] > 0.0
             if step.outcome == "collision" and touches and self._at_obstacle(x, y):
-                yield name, ON_OBSTACLE, place
+                yield name, series.ON_OBSTACLE, place
             if step.events[robot] == COLLISION and not touches:
                 cell = int(x / self._scenario.cell_m), int(y / self._scenario.cell_m)
-                yield name, ON_TARGET if cell in self._scenario.targets else IN_ZONE, place
+                on_target = cell in self._scenario.targets
+                yield name, series.ON_TARGET if on_target else series.IN_ZONE, place
             if step.outcome == "timeout" and tuple(step.after.cells[robot]) != target:
                 away_m = np.hypot(*(np.array(self._scenario.centre_m(target)) - (x, y)))
-                yield name, NOT_ARRIVED, f": target {100.0 * away_m:.1f} cm away"
+                yield name, series.NOT_ARRIVED, f": target {100.0 * away_m:.1f} cm away"
 
 
 def write_lines(file: Kept, lines: list[Line]) -> None:

@@ -38,13 +38,7 @@ _END, _END_BYTES = b"RRF2FOOT", 12  # of a whole file
 
 
 class Kept:
-    """A recording in memory.
-
-    Attributes:
-        recording_id: its identity.
-        blueprint: what the viewer shows when it is opened.
-        chunks: that were sent so far.
-    """
+    """A recording in memory."""
 
     def __init__(self, recording_id: str = "", blueprint: rrb.Blueprint | None = None) -> None:
         rr.set_strict_mode(True)
@@ -75,10 +69,7 @@ class Kept:
         self.send([Chunk.from_property(name, rr.AnyValues(**plain))])
 
     def columns(
-        self,
-        entity: str,
-        times: Iterable[rr.TimeColumn],
-        columns: Iterable[rr.ComponentColumn],
+        self, entity: str, times: Iterable[rr.TimeColumn], columns: Iterable[rr.ComponentColumn]
     ) -> None:
         """Take rows of one entity, one per time; `send_rows` makes a chunk of them."""
         self._gathered.setdefault(entity, []).append(Chunk.from_columns(entity, times, columns))
@@ -132,14 +123,7 @@ class Kept:
 
 
 class Recording(Kept):
-    """A recording that is written to a file; a context manager that completes it, also on errors.
-
-    Args:
-        path: of the complete file.
-        recording_id: identity of the recording.
-        blueprint: what the viewer shows when the file is opened.
-        viewer: address of a running viewer that gets the same data, if any.
-    """
+    """A recording in a file; a context manager that completes it, also on errors."""
 
     def __init__(
         self,

@@ -83,24 +83,16 @@ _NOTHING = Texts(np.zeros(0), ())
 
 @dataclass(frozen=True)
 class RecordingData:
-    """Contents of a recording.
-
-    Attributes:
-        path: of the file, None in memory.
-        recording_id: its identity; equal runs have equal ones.
-        complete: whether its writer completed it.
-        signals: by entity path, such as "/sim/r1/motors/omega"; a pose is two signals,
-            "<path>:translation" in m and "<path>:quaternion" (x, y, z, w).
-        texts: states and logs by entity path.
-        properties: by their name, such as "episode", then by key.
-    """
+    """Contents of a recording."""
 
     path: Path | None
     recording_id: str
-    complete: bool
+    complete: bool  # whether its writer completed it
+    # By entity path, such as "/sim/r1/motors/omega"; a pose is two signals, "<path>:translation" in
+    # m and "<path>:quaternion" (x, y, z, w)
     signals: dict[str, Signal]
     texts: dict[str, Texts]
-    properties: dict[str, dict[str, Any]]
+    properties: dict[str, dict[str, Any]]  # by their name, such as "episode", then by key
 
 
 def read_rrd(path: Path) -> RecordingData:
@@ -220,10 +212,8 @@ class DrivenMove(NamedTuple):
     """A commanded move of a robot.
 
     Attributes:
-        start_s: time of the decision.
         end_s: time at which it ended, was given up, or was cut off by the episode's end.
         direction: commanded, such as "45°".
-        ended: whether the robot ended it.
         given_up: whether it took too long and was given up for another.
     """
 
@@ -251,10 +241,6 @@ class Signals(Mapping[str, Signal]):
 
     `signals["r1/motors/omega"]` is `signals["/sim/r1/motors/omega"]`. Exact paths come first, then
     those below /sim, /rl, /raw and /world. Iterating gives whole paths.
-
-    Args:
-        origin: what they are of, for messages.
-        signals: by whole path.
     """
 
     def __init__(self, origin: str, signals: Mapping[str, Signal]) -> None:
@@ -293,18 +279,12 @@ class Episode:
 
     Attributes:
         recording: a file, or what keeps the episode in memory.
-        recording_id: its identity.
         complete: whether its writer completed it; a killed one leaves what it had written.
         outcome: success, collision, out_of_board or timeout; empty if the recording ends before.
         time_s: simulated time at the end, that of the last sample.
         robots: their names in entity paths: r1, r2 and so on.
         facts: scenario, seed, episode, start cells, targets, versions and what else identifies the
             run, as JSON holds it.
-        parameters: by name.
-        signals: values, unit, times and components by entity path, such as
-            "/sim/r1/motors/omega" or, in short, "r1/motors/omega".
-        texts: states and the log by entity path, such as "/rl/r1/failure".
-        moves: of each robot, in order.
         scenario: its board; None in recordings of other programs.
     """
 

@@ -53,38 +53,24 @@ OUTCOMES = (*ENDS, STILL_RUNNING), [SERIES[2], EIGHT[5], EIGHT[4], GREY, LIGHT]
 
 
 class PolicyMap(NamedTuple):
-    """A robot's policy by cell; arrays of shape (columns, rows).
+    """A robot's policy by cell; arrays of shape (columns, rows)."""
 
-    Attributes:
-        value: largest action value, mean over the cell's states weighted by visits.
-        action: greedy direction index in the state visited most.
-        visits: decisions made in the cell while learning.
-    """
-
-    value: np.ndarray
-    action: np.ndarray
-    visits: np.ndarray
+    value: np.ndarray  # largest action value, mean over the cell's states weighted by visits
+    action: np.ndarray  # greedy direction index in the state visited most
+    visits: np.ndarray  # decisions made in the cell while learning
 
 
 Level = Literal["summary", "default", "full"]
 
 
 class Detail(NamedTuple):
-    """Times between the rows of a level, in s; infinite is once per RL step.
+    """Times between the rows of a level, in s; infinite is once per RL step."""
 
-    Attributes:
-        fast_s: of what changes within a motor turn: speeds and voltages.
-        slow_s: of everything else; forces and shares are means over it, impacts the largest.
-        pose_s: of poses, positions and headings.
-        burst_s: length of the burst at the start of every RL step that is kept at every tick.
-        full: whether signals are recorded that only this level has.
-    """
-
-    fast_s: float
-    slow_s: float
-    pose_s: float
-    burst_s: float
-    full: bool = False
+    fast_s: float  # of what changes within a motor turn: speeds and voltages
+    slow_s: float  # of everything else; forces and shares are means over it, impacts the largest
+    pose_s: float  # of poses, positions and headings
+    burst_s: float  # length of the burst at the start of every RL step that is kept at every tick
+    full: bool = False  # whether signals are recorded that only this level has
 
 
 DETAILS: dict[Level, Detail] = {
@@ -107,32 +93,24 @@ def periods(time_s: float, control_period_s: float, rl_step_s: float) -> int:
 
 
 class SignalSpec(NamedTuple):
-    """A signal of a robot.
+    """A signal of a robot."""
 
-    Attributes:
-        path: of its entity, without the robot's name.
-        names: of its components.
-        unit: of its values; empty if decisions say it.
-        rate: which of the rates of `Detail` it has; "burst" is every tick of bursts, and
-            "decision" once per RL step.
-        reduced: what a row says of the control periods since the last one.
-        of: its values (n, N) or (n, N, k) in `Samples`, or in `RawSamples` of bursts; None where
-            the recorder computes them.
-        label: of its plot; a signal without one is drawn with the signal before it.
-        tabs: of the viewer that have the plot; "values" and "places" are the overview with and
-            without the values of a policy.
-        full: whether only the level "full" has it.
-    """
-
-    path: str
-    names: tuple[str, ...]
-    unit: str
+    path: str  # of its entity, without the robot's name
+    names: tuple[str, ...]  # of its components
+    unit: str  # of its values; empty if decisions say it
+    # Which of the rates of `Detail` it has; "burst" is every tick of bursts, and "decision" once
+    # per RL step
     rate: Literal["fast", "slow", "pose", "burst", "decision"]
+    # What a row says of the control periods since the last one
     reduced: Literal["mean", "max", "last"] = "last"
+    # Its values (n, N) or (n, N, k) in `Samples`, or in `RawSamples` of bursts; None where the
+    # recorder computes them
     of: Callable[[Any], np.ndarray] | None = None
-    label: str = ""
+    label: str = ""  # of its plot; a signal without one is drawn with the signal before it
+    # Of the viewer that have the plot; "values" and "places" are the overview with and without the
+    # values of a policy
     tabs: tuple[str, ...] = ()
-    full: bool = False
+    full: bool = False  # whether only the level "full" has it
 
     def entity(self, robot: str) -> str:
         """Return the path of its entity."""
@@ -224,11 +202,7 @@ SIGNALS = (
 
 
 def signals_of(*, distances: bool, camera: bool, full: bool = True) -> list[SignalSpec]:
-    """The meaningful ones: no distances of a robot alone, no estimates of exact poses.
-
-    Args:
-        distances: whether there are several robots, all of which are sampled.
-    """
+    """The meaningful ones: `distances` to other robots, estimates only with a camera."""
     return [
         signal
         for signal in SIGNALS
@@ -245,12 +219,7 @@ def robot_names(robots: int | Sequence[int]) -> list[str]:
 
 
 class Stretch:
-    """Samples of consecutive RL steps, one after the other.
-
-    Attributes:
-        time_s: (n,) end of every control period.
-        samples: of all of them.
-    """
+    """Samples of consecutive RL steps, one after the other, and (n,) ends of their periods."""
 
     def __init__(self, steps: Sequence[Step], timing: TimingParams) -> None:
         ticks = round(timing.control_period_s / timing.dt_s)

@@ -15,13 +15,7 @@ import numpy as np
 
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.errors import UserError, shorten
-from cosim.coupling.assembly import (
-    Motors,
-    check_motors,
-    new_plant,
-    robot_properties,
-    why_not_fmpy,
-)
+from cosim.coupling.assembly import Motors, check_motors, new_plant, robot_properties, why_not_fmpy
 from cosim.coupling.master import (
     CompiledDriver,
     Driver,
@@ -78,10 +72,7 @@ def chosen_driver(name: str | None, motor_fmu: Path, config: CoSimConfig) -> str
 
 
 def shared(config: CoSimConfig) -> tuple[Any, ...]:
-    """Return what all episodes of a batch must share of a configuration.
-
-    That is all but the world, the floor's friction and the speed noise.
-    """
+    """Return what a batch must share: all but the world, the floor's friction, the speed noise."""
     own = ("robot", "noise", "world", "preset", "sources")
     same = [value for name, value in vars(config).items() if name not in own]
     return config.robot._replace(mu=0.0), config.noise.hold_s, *same
@@ -91,7 +82,6 @@ class Batch:
     """Places for K episodes of N robots each, advanced together in RL steps.
 
     Attributes:
-        episodes: K of them, None where none has begun.
         state: variables of all columns; another record after `begin` and `set_state`.
     """
 

@@ -32,7 +32,6 @@ class DriveObservation(NamedTuple):
             command before, 0 at the start.
         speeds: (N, 2) of motors D and E in rad/s.
         targets_m: (N, 2) in m.
-        scenario, config: of the episode.
         memory: of the policy, for this episode alone.
     """
 

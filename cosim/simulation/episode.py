@@ -23,12 +23,7 @@ from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator
 from cosim.onboard.camera import camera_of, draw_sight
 from cosim.onboard.estimation import POSE
-from cosim.onboard.features import (
-    DIRECTION_COUNT,
-    DIRECTIONS,
-    Observation,
-    distance_thresholds,
-)
+from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS, Observation, distance_thresholds
 from cosim.onboard.observing import cells_of, nearest_squared, observe
 from cosim.onboard.shield import PARKED, STOPS, plan_margin
 from cosim.onboard.steering import (
@@ -53,14 +48,7 @@ class RunningEpisode:
     """One episode in its columns of a co-simulation's state.
 
     Attributes:
-        drawn: what the episode has drawn from its world.
-        outcome: RUNNING before its end.
-        time_s: simulated time.
-        observation: what a policy sees now.
-        measures: so far.
         sampled: indices of the robots with kept signals.
-        conflicts: decisions that the shield changed.
-        noise: of the speed measurement.
     """
 
     def __init__(
@@ -76,7 +64,6 @@ class RunningEpisode:
         """Put the robots on their start cells, facing the board's centre row.
 
         Args:
-            state: of the co-simulation, in which the episode's robots have `columns`.
             seed: of the speed noise, of which every motor gets a child of its own, and of the
                 world.
             sampled: indices of the robots with kept signals; by default all of up to

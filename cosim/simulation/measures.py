@@ -32,7 +32,6 @@ class Measures:
             periods: with the default noise, to which the voltage answers within a period, some
             5 % less than at every tick.
         regenerated_j: (N,) ∫ max(−V i, 0) dt, what is lost by that (0.5 % of a driving motor's).
-        contact_time_s: time in which any robot touched another one or an obstacle.
     """
 
     def __init__(

@@ -16,43 +16,29 @@ _DIGITS = 6  # of lengths in cm and energies in J; times have ticks of 1e-5 s
 
 
 class EpisodeResult(msgspec.Struct, frozen=True):
-    """One episode as `summary.json` and the results of an evaluation list it.
-
-    Attributes:
-        outcome: how it ended.
-        path_length_cm: mean over the robots.
-        sim_time_s: simulated time.
-        realtime_factor: simulated time over wall-clock time, recording included.
-        recording: its path relative to the output folder, None if there is none.
-        starts: start cell of each robot.
-        path_length_cm_by_robot: of each robot.
-        contact_time_s: time in which any robot touched another one or an obstacle; 0 of a collision
-            that is a robot in another one's target cell.
-        min_distance_cm: smallest distance between the centres of two robots, None for one alone.
-        energy_j: drawn by the motors of all robots, see `cosim.simulation.measures`.
-        energy_j_by_robot: of each robot.
-        conflicts: decisions that the shield changed, since plans would have come too close
-            (`cosim.onboard.yielding`).
-        drawn: what the episode has drawn from its world, None if that draws nothing.
-        shield_stops: moves that the shield has ended, None without it.
-        rotation_deg_by_robot: how far each robot has turned, either way; results of before it was
-            measured have none.
-    """
+    """One episode as `summary.json` and the results of an evaluation list it."""
 
     outcome: Outcome
     path_length_cm: float
     sim_time_s: float
-    realtime_factor: float
-    recording: str | None
+    realtime_factor: float  # simulated time over wall-clock time, recording included
+    recording: str | None  # its path relative to the output folder, None if there is none
     starts: tuple[Cell, ...]
     path_length_cm_by_robot: tuple[float, ...]
+    # Time in which any robot touched another one or an obstacle; 0 of a collision that is a robot
+    # in another one's target cell
     contact_time_s: float
+    # Smallest distance between the centres of two robots, None for one alone
     min_distance_cm: float | None
-    energy_j: float
+    energy_j: float  # drawn by the motors of all robots, see `cosim.simulation.measures`
     energy_j_by_robot: tuple[float, ...]
+    # Decisions that the shield changed, since plans would have come too close
+    # (`cosim.onboard.yielding`)
     conflicts: int
+    # What the episode has drawn from its world, None if that draws nothing
     drawn: dict[str, dict[str, float]] | None = None
-    shield_stops: int | None = None
+    shield_stops: int | None = None  # moves that the shield has ended, None without it
+    # How far each robot has turned, either way; results of before it was measured have none
     rotation_deg_by_robot: tuple[float, ...] = ()
 
     @property

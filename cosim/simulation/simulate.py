@@ -20,7 +20,6 @@ from cosim.coupling.rl_step import Step, SupportsAct, sampled_of
 from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import World
 from cosim.onboard.observing import draw_starts
-from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept
 from cosim.recording.reader import Episode, read_episode
 from cosim.recording.series import with_bursts
@@ -28,7 +27,7 @@ from cosim.simulation.batch import chosen_driver
 from cosim.simulation.driving import SupportsDrive, options_for
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import EpisodeOptions, options_of, resolve
-from cosim.simulation.tasks import Task, recorder_of, simulate_tasks
+from cosim.simulation.tasks import Record, Task, simulate_tasks
 from fmus.build import identity_of_fmu
 
 
@@ -85,31 +84,18 @@ def simulate(
         state = f"{episode.time_s:.0f} s {step.outcome}"
         report("simulating", episode.time_s, limit_s, state)
 
-    kept = Kept()
-
-    def recorder(episode: RunningEpisode) -> EpisodeRecorder:
-        facts = episode_facts(scenario, seed, fmu, 0, starts, driver)
-        maps = getattr(policy, "maps", list)()
-        return recorder_of(episode, kept, task.recording_id, facts, level=record, policies=maps)
-
-    sampled = sampled_of(scenario.robots, chosen.signals)
-    given = scenario, fmu, config, policy, starts, noise_seed, recorder, watch, driver, sampled
-    task = Task(*given)
+    kept, sampled = Kept(), sampled_of(scenario.robots, chosen.signals)
+    facts = run_facts(scenario, seed, fmu, driver) | {"episode": 0, "starts": starts}
+    how = Record(kept, facts, record), watch, driver, sampled
+    task = Task(scenario, fmu, config, policy, starts, noise_seed, *how)
     report("simulating", 0.0, config.timing.episode_limit_s)  # kernels may be compiled first
     for _ in simulate_tasks([task], 1):
         pass
     return read_episode(kept)
 
 
-def episode_facts(
-    scenario: Scenario,
-    seed: int,
-    fmu: Path,
-    number: int,
-    starts: tuple[Cell, ...],
-    driver: str = "compiled",
-) -> dict[str, Any]:
-    """Return what identifies an episode in its recording, by name."""
+def run_facts(scenario: Scenario, seed: int, fmu: Path, driver: str = "compiled") -> dict[str, Any]:
+    """Return what identifies a run in its recordings, by name."""
     return {
         "scenario": scenario.name,
         "title": scenario.title,
@@ -118,8 +104,6 @@ def episode_facts(
         "motor_fmu": fmu.name,
         "motor_fmu_digest": identity_of_fmu(fmu),
         "versions": versions(),
-        "episode": number,
-        "starts": starts,
     }
 
 

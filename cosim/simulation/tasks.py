@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -26,6 +26,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept
+from cosim.recording.series import Level
 from cosim.simulation.batch import Batch, places_for, shared
 from cosim.simulation.driving import DrivenEpisode, SupportsDrive, drives
 from cosim.simulation.episode import RunningEpisode
@@ -33,31 +34,26 @@ from cosim.simulation.result import EpisodeResult, facts_of, result_of
 from fmus.build import identity_of_fmu
 
 
-def recorder_of(
-    episode: RunningEpisode,
-    place: Path | Kept,
-    recording_id: str,
-    facts: dict[str, Any],
-    **how: Any,
-) -> EpisodeRecorder:
-    """Return what records an episode that has begun; arguments as of `EpisodeRecorder`."""
-    how |= {"drawn": episode.drawn, "sampled": episode.sampled}
-    return EpisodeRecorder(place, episode.scenario, episode.config, recording_id, facts, **how)
+class Record(NamedTuple):
+    """How an episode is recorded; see `EpisodeRecorder`."""
+
+    place: Path | Kept
+    facts: dict[str, Any]
+    level: Level = "default"
+    viewer: str | None = None
+    maps: bool = True  # whether those of the policy, if it has any, are drawn on the floor
+    recording_id: str = ""  # by default that of the task
 
 
 class EpisodeOrigin(msgspec.Struct, frozen=True):
-    """All that determines an episode except for its policy and the code, as recordings keep it.
+    """All that determines an episode except for its policy and the code, as recordings keep it."""
 
-    Attributes:
-        scenario, config, starts, driver: of the task.
-        entropy, spawn_key: of its seed; the former as text, because it may have 128 bits.
-        motor_fmu: identity of the FMU, see `fmus.build.identity_of_fmu`.
-    """
-
+    # scenario, config, starts, driver: of the task
     scenario: Scenario
     config: CoSimConfig
     starts: tuple[Cell, ...]
     driver: str
+    # entropy, spawn_key: of its seed; the former as text, because it may have 128 bits
     entropy: str
     spawn_key: tuple[int, ...]
     motor_fmu: str
@@ -65,26 +61,16 @@ class EpisodeOrigin(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Task:
-    """An episode to simulate.
-
-    Attributes:
-        policy: acts or drives; the values of its decisions and its rewards are recorded.
-        starts: start cell of each robot.
-        seed: of the speed noise and of what the world draws.
-        recorder: opens the recording of an episode that has begun, which gets every RL step; None
-            for none.
-        watch: sees every RL step, the episode, and the wall-clock time that it took so far, in s.
-        driver: of the co-simulation.
-        sampled: indices of the robots with kept signals, see `RunningEpisode`.
-    """
+    """An episode to simulate."""
 
     scenario: Scenario
     fmu: Path
     config: CoSimConfig
     policy: SupportsAct | SupportsDrive
     starts: tuple[Cell, ...]
-    seed: np.random.SeedSequence
-    recorder: Callable[[RunningEpisode], EpisodeRecorder] | None = None
+    seed: np.random.SeedSequence  # of the speed noise and of what the world draws
+    record: Record | None = None
+    # Sees every RL step, the episode, and the wall-clock time that it took so far, in s
     watch: Callable[[Step, RunningEpisode, float], None] = lambda step, episode, wall_s: None
     driver: str = "compiled"
     sampled: tuple[int, ...] | None = None
@@ -138,8 +124,21 @@ def _episode(task: Task, batch: Batch, place: int) -> Generator[Any, Any, None]:
     parts = task.scenario, task.starts, task.seed, task.config, kind, task.sampled
     episode, wall_s = batch.begin(place, *parts), 0.0
     with contextlib.ExitStack() as stack:
-        recorder = task.recorder and stack.enter_context(task.recorder(episode))
-        if recorder:
+        recorder = None
+        if record := task.record:
+            recorder = EpisodeRecorder(
+                record.place,
+                task.scenario,
+                task.config,
+                record.recording_id or task.recording_id,
+                record.facts,
+                level=record.level,
+                viewer=record.viewer,
+                policies=getattr(task.policy, "maps", list)() if record.maps else (),
+                drawn=episode.drawn,
+                sampled=episode.sampled,
+            )
+            stack.enter_context(recorder)
             recorder.set_property("origin", {"task": msgspec.json.encode(task.origin).decode()})
         while True:
             decision = episode.ask(task.policy)

@@ -12,7 +12,7 @@ from cosim.base.arguments import ConfigError
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from cosim.model.scenario_file import find_scenario
-from cosim.recording.live import DEFAULT_VIEWER
+from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
 from cosim.simulation.options import EpisodeOptions, Setup, resolve
 from minirobots.runner import Command, Output
 
@@ -106,7 +106,6 @@ class Run(Command):
     def run(self, progress: Progress) -> Output:
         from agent.evaluation.series import Series
         from cosim.base.table import show_texts
-        from cosim.recording.live import find_viewer, spawn_viewer
         from cosim.recording.series import with_bursts
         from cosim.simulation.ahead import compiling_ahead
         from cosim.simulation.batch import chosen_driver

@@ -18,7 +18,7 @@ from cosim.base.jobs import THREADS, Where
 from cosim.base.progress import Progress
 from cosim.model.preset import PAPER, find_preset
 from cosim.simulation.options import Physics
-from fmus.compiler import TARGETS
+from fmus.compiler import TARGETS, host_target
 from fmus.models import MODELS, STANDARDS, Fmi, Model
 from minirobots.runner import Command, Output
 
@@ -313,6 +313,8 @@ class Validate(Command):
     cache: the same command resumes.
     """
 
+    kept = "measurements so far are in the cache; the same command continues"
+
     out: opt.Folder = Path("runs/validation")
     """Folder of the tables: validation.json and validation.md."""
     quick: bool = False
@@ -321,14 +323,10 @@ class Validate(Command):
     motor_fmu: opt.MotorFmuFile = None
     where: Where = THREADS
 
-    def interrupted(self) -> str:
-        return "measurements so far are in the cache; the same command continues"
-
     def run(self, progress: Progress) -> Output:
         from cosim.base.table import show, write_report
         from cosim.machine.validation.report import tables, text_of
         from cosim.machine.validation.validate import FULL, QUICK, validate
-        from cosim.simulation.options import Physics
 
         count = QUICK if self.quick else FULL
         fmu = Physics(motor_fmu=self.motor_fmu).fmu(progress)
@@ -382,8 +380,6 @@ class IdentifyRobot(Command):
             read_track,
             write_excitation,
         )
-        from cosim.model.preset import find_preset
-        from cosim.simulation.options import Physics
 
         if self.excite is not None:
             write_excitation(require_suffix(self.excite, ".csv"))
@@ -395,9 +391,7 @@ class IdentifyRobot(Command):
         assert self.track is not None
         track, preset = read_track(self.track, self.board), find_preset(self.preset)
         physics = Physics(
-            preset=self.preset,
-            motor_fmu=self.motor_fmu,
-            motor_parameters=self.motor_parameters,
+            preset=self.preset, motor_fmu=self.motor_fmu, motor_parameters=self.motor_parameters
         )
         fmu, config, out = physics.fmu(progress), physics.config(), self.out
         report = identify(track, self.track.name, preset, config, fmu, out, progress)
@@ -467,12 +461,9 @@ class BuildFmus(Command):
             }
             return Output({"fmu": str(fmu), **kinds})
         from fmus.build import build_fmus
-        from fmus.compiler import host_target
 
-        targets: dict[str, None] = {}
-        for choice in self.targets:
-            names = TARGETS if choice == "all" else [host_target() if choice == "host" else choice]
-            targets |= dict.fromkeys(names)
+        given = [TARGETS if choice == "all" else (choice,) for choice in self.targets]
+        names = [host_target() if name == "host" else name for some in given for name in some]
         files: list[Path] = []
         for model in self.models:
             paths: dict[Fmi, Path] = {
@@ -481,5 +472,5 @@ class BuildFmus(Command):
                 if (self.fmi or "3") in (fmi, "both")
             }
             if paths:
-                files += build_fmus(paths, list(targets), progress, model)
+                files += build_fmus(paths, list(dict.fromkeys(names)), progress, model)
         return Output({"files": [str(file) for file in files]})

@@ -11,7 +11,7 @@ import tyro
 
 from agent.experiments.variants import Name
 from agent.mdp.config import ProcessConfig
-from agent.moves.worlds import RANGES, WorldRange
+from agent.moves.worlds import RANGES, WorldRange, checked_ranges
 from agent.study.axes import AXES, Axis
 from agent.study.options import Sampling
 from agent.training.settings import COMPARED, LearningConfig, MethodName, read_settings
@@ -420,7 +420,6 @@ class ObserveMoves(Command):
     def run(self, progress: Progress) -> Output:
         from agent.moves.model import require_rl_step
         from agent.moves.observe import facts_of, move_rows, observe_moves
-        from agent.moves.worlds import checked_ranges
         from cosim.base.storage import require_suffix
         from cosim.base.table import show_texts
 

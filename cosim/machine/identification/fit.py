@@ -27,21 +27,13 @@ UNKNOWN = 0.5  # share of the spread before from which on data are said to tell 
 
 
 class Fit(NamedTuple):
-    """Parameters that fit a track best.
+    """Parameters that fit a track best."""
 
-    Attributes:
-        values: (8,) in SI units, see `cosim.machine.identification.simulated`.
-        covariance: (8, 8) of them, of Gauss and Newton: the inverse of JᵀJ.
-        residuals: (n − 1, 3) of x, y and heading, of variance 1.
-        frames: (n, 3) the simulated track, from the origin.
-        evaluations: batches of simulations.
-    """
-
-    values: np.ndarray
-    covariance: np.ndarray
+    values: np.ndarray  # (8,) in SI units, see `cosim.machine.identification.simulated`
+    covariance: np.ndarray  # (8, 8) of them, of Gauss and Newton: the inverse of JᵀJ
     noise: Noise
-    residuals: np.ndarray
-    frames: np.ndarray
+    residuals: np.ndarray  # (n − 1, 3) of x, y and heading, of variance 1
+    frames: np.ndarray  # (n, 3) the simulated track, from the origin
     evaluations: int
 
     @property

@@ -17,15 +17,12 @@ _LEAST_VARIANCE = 1e-14  # of a frame in m² or rad², where a track has no nois
 
 
 class Noise(NamedTuple):
-    """Model of the difference of tracks (n, 3) from a simulation with the right parameters.
+    """Model of the difference of tracks (n, 3) from a simulation with the right parameters."""
 
-    Attributes:
-        position_m, heading_rad: standard deviations of the camera, x and y each.
-        position_drift_m2_s, heading_drift_rad2_s: growth of the variance of a driven pose.
-    """
-
+    # position_m, heading_rad: standard deviations of the camera, x and y each
     position_m: float
     heading_rad: float
+    # position_drift_m2_s, heading_drift_rad2_s: growth of the variance of a driven pose
     position_drift_m2_s: float
     heading_drift_rad2_s: float
 
@@ -38,7 +35,6 @@ def _gains(times: np.ndarray, ratio: float) -> tuple[np.ndarray, np.ndarray]:
     """Kalman gains (n − 1,) of a random walk, and variances of innovations over that of a frame.
 
     Args:
-        times: (n,) of frames in s.
         ratio: growth of the walk's variance in 1/s over the variance of a frame.
     """
     gains, variance = np.empty(len(times) - 1), 1.0
@@ -74,7 +70,6 @@ def residuals(
     """Innovations (n − 1, 3, C) of x, y and heading over their standard deviations.
 
     Args:
-        times: (n,) of frames in s.
         measured: (n, 3) x and y in m, heading in rad, continuous.
         simulated: (n, C, 3) the same of C simulations, from any pose.
     """

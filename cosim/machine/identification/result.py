@@ -31,35 +31,23 @@ MOST_SPREAD = 0.3  # of motors in a preset
 
 
 class Estimate(msgspec.Struct, frozen=True, kw_only=True):
-    """A parameter in identification.json, SI units.
+    """A parameter in identification.json, SI units."""
 
-    Attributes:
-        name, description: see `cosim.machine.identification.simulated.RobotParameter`.
-        low, high: interval of 95 %, by the covariance of Gauss and Newton.
-        identifiable: whether the track says more of it than was assumed before.
-        rises: of the sum of squares at the ends of the interval, by simulation: 3.84 if the model
-            were linear; None where an end is out of bounds.
-    """
-
+    # name, description: see `cosim.machine.identification.simulated.RobotParameter`
     name: str
     description: str
     value: float
+    # low, high: interval of 95 %, by the covariance of Gauss and Newton
     low: float
     high: float
-    identifiable: bool
+    identifiable: bool  # whether the track says more of it than was assumed before
+    # Of the sum of squares at the ends of the interval, by simulation: 3.84 if the model were
+    # linear; None where an end is out of bounds
     rises: tuple[float | None, ...]
 
 
 class Identification(msgspec.Struct, frozen=True, kw_only=True):
-    """The content of identification.json.
-
-    Attributes:
-        track: the file.
-        preset: what was taken for all else.
-        unidentifiable: what the track says nothing of, as text.
-        noise: of the camera, and how the robot strays from any simulation, by largest likelihood.
-        evaluations: batches of simulations.
-    """
+    """The content of identification.json."""
 
     schema_version: int = 1
     track: str
@@ -67,7 +55,8 @@ class Identification(msgspec.Struct, frozen=True, kw_only=True):
     frames: int
     duration_s: float
     parameters: tuple[Estimate, ...]
-    unidentifiable: tuple[str, ...]
+    unidentifiable: tuple[str, ...]  # what the track says nothing of, as text
+    # Of the camera, and how the robot strays from any simulation, by largest likelihood
     noise: dict[str, float]
     evaluations: int
 
@@ -104,8 +93,7 @@ def identify(
 ) -> Identification:
     """Identify a robot, and write identification.json, preset.toml, report.md and the drawing.
 
-    Args:
-        preset: what is not identified, and the usual values of what is.
+    `preset` is what is not identified, and the usual values of what is.
     """
     config = with_motor(config, fmu)
     set_points = track.set_points(config.timing.control_period_s)

@@ -48,23 +48,18 @@ _SHAPE = 6
 
 
 class RobotParameter(NamedTuple):
-    """A parameter that is identified.
-
-    Attributes:
-        name: of a field of `RobotParams`, or as below.
-        unit, scale: for people, and how many of it are one of the SI unit.
-        spread: standard deviation around the usual value before anything is measured (assumed), in
-            SI units as what follows.
-        step: of its difference quotients.
-        low, high: bounds; the circle of the feet is within the robot too.
-    """
+    """A parameter that is identified."""
 
     name: str
     description: str
+    # unit, scale: for people, and how many of it are one of the SI unit
     unit: str
     scale: float
+    # Standard deviation around the usual value before anything is measured (assumed), in SI units
+    # as what follows
     spread: float
-    step: float
+    step: float  # of its difference quotients
+    # low, high: bounds; the circle of the feet is within the robot too
     low: float
     high: float
 
@@ -126,18 +121,12 @@ class Simulated:
 
     Their motors have speed noise of their own: without any, robots near the speed at which they
     begin to move would seem to stand on a more slippery floor.
-
-    Attributes:
-        speeds: (P + 1, 2) of the motors in rad/s, with noise.
-        smooth: (P + 1, 2) the same without.
-        times: (n,) of the frames in s.
-        config: clock, and what of robot and motors is not identified.
     """
 
-    speeds: np.ndarray
-    smooth: np.ndarray
-    times: np.ndarray
-    config: CoSimConfig
+    speeds: np.ndarray  # (P + 1, 2) of the motors in rad/s, with noise
+    smooth: np.ndarray  # (P + 1, 2) the same without
+    times: np.ndarray  # (n,) of the frames in s
+    config: CoSimConfig  # clock, and what of robot and motors is not identified
 
     @cached_property
     def usual(self) -> np.ndarray:
@@ -152,11 +141,7 @@ class Simulated:
         return limits
 
     def frames(self, values: np.ndarray) -> np.ndarray:
-        """What the camera would see from the origin, heading along +x, by parameters (C, 8).
-
-        Returns:
-            (n, C, 3) x and y in m, heading in rad.
-        """
+        """(n, C, 3) m, m and rad seen from the origin, heading along +x, by parameters (C, 8)."""
         machines = [self._machine(row) for row in values]
         distinct = list(dict.fromkeys(machines))  # another delay asks for no simulation of its own
         seen = self._tracks(distinct, self.speeds)
@@ -203,7 +188,6 @@ def motor_speeds(
 
     Args:
         set_points: (P, 2) in rad/s, of every control period.
-        seed: of the noise; None for none.
     """
     ticks, dt_s = config.ticks_per_period, config.timing.dt_s
     noise = np.zeros((len(set_points), 1, 2))
@@ -236,7 +220,6 @@ def tracks(
         machines: B of them, each in a lane of a vector.
         omega: (P + 1, 2) or (P + 1, 2, B) speeds of motors D and E at the ends of control periods
             in rad/s, linear in between; motors start hanging down.
-        ticks: steps of a control period.
         every: control periods from one look to the next.
 
     Returns:
@@ -281,8 +264,6 @@ def _drive(
     """Advance all robots; the arguments of `tracks`, as arrays.
 
     Args:
-        bodies: (STATE_SIZE, B); change.
-        properties: (PROPERTIES, B).
         shapes: (_SHAPE, B), layout above.
         omega: (P + 1, 2, B).
         seen: (P // every + 1, B, 3), overwritten from the second row on.

@@ -48,17 +48,11 @@ _KIND = Kind("track", "record it again, see docs/own.md")
 
 
 class SeenTrack(NamedTuple):
-    """Observed poses and commanded motor speeds.
+    """Observed poses and commanded motor speeds."""
 
-    Attributes:
-        times: (n,) of the frames in s, from 0, increasing.
-        poses: (n, 3) x and y of the robot's axis in m, heading in rad, continuous.
-        commands: (n, 2) set points of motors D and E in rad/s, each until the next frame.
-    """
-
-    times: np.ndarray
-    poses: np.ndarray
-    commands: np.ndarray
+    times: np.ndarray  # (n,) of the frames in s, from 0, increasing
+    poses: np.ndarray  # (n, 3) x and y of the robot's axis in m, heading in rad, continuous
+    commands: np.ndarray  # (n, 2) set points of motors D and E in rad/s, each until the next frame
 
     def set_points(self, period_s: float) -> np.ndarray:
         """Set points (P, 2) of every control period until the last frame."""
@@ -84,9 +78,6 @@ def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTr
 
     They are in seconds, metres, radians counter-clockwise from +x, and rad/s. Cells are separated
     by commas, semicolons or tabs; headings may name the unit, as in "time [s]".
-
-    Args:
-        board_m: width and height of the board with its corner at the origin; by default endless.
     """
     try:
         return _checked(*_table(path), board_m)

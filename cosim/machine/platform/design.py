@@ -34,34 +34,25 @@ _SPEED_TOLERANCE = 1e-3  # rad/s
 
 
 class Design(msgspec.Struct, frozen=True, kw_only=True):
-    """The content of `--json`; None for impossible values.
-
-    Attributes:
-        lift_off_rad_s, foot_lift_rad_s: motor speeds at which the whole robot leaves the floor, and
-            above which a foot lifts.
-        feet_down_m_s: largest speed at which no foot lifts.
-        motor_speed_rad_s: for the wanted speed.
-        unbalance_kg_m: m r of one motor as it is.
-        least_unbalance_kg_m: m r of one motor from which on no foot lifts at the wanted speed.
-        unbalance_motor_speed_rad_s: for the wanted speed, with that.
-        foot_radius_m: circle of the feet from which on no foot lifts at the wanted speed.
-        com_height_m: height of the centre of mass up to which no foot does.
-        percent_per_percent: change of the speed for 1 % more of a parameter.
-    """
+    """The content of `--json`; None for impossible values."""
 
     schema_version: int = 1
     speed_m_s: float
+    # lift_off_rad_s, foot_lift_rad_s: motor speeds at which the whole robot leaves the floor, and
+    # above which a foot lifts
     lift_off_rad_s: float
     foot_lift_rad_s: float
-    feet_down_m_s: float
-    motor_speed_rad_s: float | None
+    feet_down_m_s: float  # largest speed at which no foot lifts
+    motor_speed_rad_s: float | None  # for the wanted speed
     feet_stay_down: bool
-    unbalance_kg_m: float
+    unbalance_kg_m: float  # m r of one motor as it is
+    # m r of one motor from which on no foot lifts at the wanted speed
     least_unbalance_kg_m: float | None
-    unbalance_motor_speed_rad_s: float | None
+    unbalance_motor_speed_rad_s: float | None  # for the wanted speed, with that
+    # Circle of the feet from which on no foot lifts at the wanted speed
     foot_radius_m: float | None
-    com_height_m: float | None
-    percent_per_percent: dict[str, float]
+    com_height_m: float | None  # height of the centre of mass up to which no foot does
+    percent_per_percent: dict[str, float]  # change of the speed for 1 % more of a parameter
 
 
 def design(robot: RobotParams, motor: MotorParams, speed_m_s: float) -> Design:

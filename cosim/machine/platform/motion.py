@@ -33,19 +33,11 @@ _FILE = Kind("result of `minirobots platform`", "write one with --out")
 
 
 class Platform(NamedTuple):
-    """1-DOF platform.
+    """1-DOF platform."""
 
-    Attributes:
-        mass: what moves, M in kg.
-        m: eccentric mass of all motors (turning in phase) in kg; the weight is (M + m) g.
-        r: eccentricity in m.
-        mu: Coulomb friction coefficient.
-        g: gravitational acceleration in m/s².
-    """
-
-    mass: float
-    m: float
-    r: float
+    mass: float  # what moves, M in kg
+    m: float  # eccentric mass of all motors (turning in phase) in kg; the weight is (M + m) g
+    r: float  # eccentricity in m
     mu: float
     g: float
 
@@ -185,48 +177,33 @@ def forces(
 
 
 class Motion(NamedTuple):
-    """Motion of a platform from rest over some turns of its motor; (n,) angles.
-
-    Attributes:
-        driving_force_n, friction_limit_n: (n,) driving force, and friction that holds.
-        omega_rad_s: speed of the motor, ().
-        mu: ().
-        net_displacement_m: of one turn once the motion repeats itself, ().
-    """
+    """Motion of a platform from rest over some turns of its motor; (n,) angles."""
 
     theta_rad: np.ndarray
     time_s: np.ndarray
     position_m: np.ndarray
+    # driving_force_n, friction_limit_n: (n,) driving force, and friction that holds
     driving_force_n: np.ndarray
     friction_limit_n: np.ndarray
     omega_rad_s: np.ndarray
     mu: np.ndarray
-    net_displacement_m: np.ndarray
+    net_displacement_m: np.ndarray  # of one turn once the motion repeats itself, ()
 
 
 class SpeedTable(NamedTuple):
-    """Robots as platforms, (m,) friction coefficients at (n,) motor speeds.
-
-    Attributes:
-        net_speed_m_s: (m, n).
-        slip_and_drift_speed_rad_s: (m, 2) motor speeds above which it slides and gets ahead.
-    """
+    """Robots as platforms, (m,) friction coefficients at (n,) motor speeds."""
 
     mu: np.ndarray
     omega_rad_s: np.ndarray
-    net_speed_m_s: np.ndarray
+    net_speed_m_s: np.ndarray  # (m, n)
+    # (m, 2) motor speeds above which it slides and gets ahead
     slip_and_drift_speed_rad_s: np.ndarray
 
 
 class PlatformResult(NamedTuple):
-    """The data of Fig. 3, an .npz file in which `paper_mu` is the `mu` of `paper`.
+    """The data of Fig. 3, an .npz file in which `paper_mu` is the `mu` of `paper`."""
 
-    Attributes:
-        paper: the platform with a motion like the printed Fig. 3.
-        table_ii: the robot of Tables I and II, or of another machine.
-    """
-
-    paper: Motion
+    paper: Motion  # the platform with a motion like the printed Fig. 3.
     table_ii: Motion
     table: SpeedTable
 

@@ -10,12 +10,7 @@ from cosim.calibration.measuring import AHEAD, AIRBORNE, TURNING, Point, measure
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.fmi.motor import MotorFmu
-from cosim.machine.platform.motion import (
-    drift_speed,
-    lift_off_speed,
-    robot_platform,
-    sensitivities,
-)
+from cosim.machine.platform.motion import drift_speed, lift_off_speed, robot_platform, sensitivities
 from cosim.machine.validation.published import Legs
 from cosim.model.config import CoSimConfig
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
@@ -30,13 +25,9 @@ PARAMETERS = ("mu", "m r", "mass_kg", "com_height_m", "foot_radius_m", "motor_ra
 
 
 class MeasuredSpeed(NamedTuple):
-    """One manoeuvre at one motor speed, over the uncontrolled phases between the motors.
+    """One manoeuvre at one motor speed, over the uncontrolled phases between the motors."""
 
-    Attributes:
-        mean, least, largest: speed in m/s or yaw rate in rad/s, positive towards the manoeuvre.
-        airborne_share: mean share of the time in which no foot touched the floor.
-    """
-
+    # mean, least, largest: speed in m/s or yaw rate in rad/s, positive towards the manoeuvre
     mean: float
     least: float
     largest: float
@@ -46,10 +37,7 @@ class MeasuredSpeed(NamedTuple):
 def measured_speed(
     config: CoSimConfig, fmu: MotorFmu, manoeuvre: str, omega_rad_s: float, phases: int
 ) -> MeasuredSpeed:
-    """Co-simulate robots at constant set points, without the steering's dither.
-
-    Motors have so many phases between them, evenly over a turn.
-    """
+    """Co-simulate robots at constant set points, without dither, phases evenly over a turn."""
     d, e = MANOEUVRES[manoeuvre]
     points = [
         Point(d * omega_rad_s, e * omega_rad_s, phase, dithered=False)
@@ -108,13 +96,7 @@ def closed_form(config: CoSimConfig, omega_rad_s: float) -> dict[str, float]:
 
 
 def drive_by_the_clock(
-    config: CoSimConfig,
-    fmu: MotorFmu,
-    legs: Legs,
-    robots: int,
-    seed: int,
-    *,
-    dithered: bool,
+    config: CoSimConfig, fmu: MotorFmu, legs: Legs, robots: int, seed: int, *, dithered: bool
 ) -> np.ndarray:
     """Displacement (robots, 3) in m, x along the first heading, and turned angle in rad.
 

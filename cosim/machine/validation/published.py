@@ -15,37 +15,24 @@ Legs = tuple[
 
 
 class PublishedSpeed(NamedTuple):
-    """A speed, or a yaw rate, at a motor speed.
-
-    Attributes:
-        preset: machine that stands for it.
-        omega_rad_s: of both motors.
-        value: in mm/s, or °/s; None where only the simulated one is of interest.
-    """
+    """A speed, or a yaw rate, at a motor speed."""
 
     preset: str
     manoeuvre: Manoeuvre
-    omega_rad_s: float
-    value: float | None
+    omega_rad_s: float  # of both motors
+    value: float | None  # in mm/s, or °/s; None where only the simulated one is of interest
     certainty: Certainty
     source: str
 
 
 class PublishedPath(NamedTuple):
-    """A path driven by the clock, as often as there were numbers of it.
-
-    Attributes:
-        meant: displacement in m and turned angle in rad at its end.
-        off_mm: distance from where it should have ended, of each that was driven.
-        turned_deg: heading at the end next to that at the start; None if not published.
-        source: of the numbers, which were all seen.
-    """
+    """A path driven by the clock, as often as there were numbers of it."""
 
     name: str
     legs: Legs
-    meant: tuple[float, float, float]
-    off_mm: tuple[float, ...]
-    turned_deg: float | None
+    meant: tuple[float, float, float]  # displacement in m and turned angle in rad at its end
+    off_mm: tuple[float, ...]  # distance from where it should have ended, of each that was driven
+    turned_deg: float | None  # heading at the end next to that at the start; None if not published
     source: str
 
 

@@ -18,26 +18,17 @@ Row = dict[str, Any]  # with the columns' names and units; None where nothing is
 
 
 class ValidationReport(msgspec.Struct, frozen=True, kw_only=True):
-    """The content of validation.json.
-
-    Attributes:
-        phases: between the motors, of each speed.
-        seed: of noise and phases on the paths.
-        speeds: in mm/s, or °/s, over phases between the motors.
-        reversals: speed backwards over that forwards at one motor speed; the published one is of
-            two speeds.
-        sensitivities: derivatives d ln v / d ln p; `explains` is the p of the published speed, at
-            first order.
-        paths: ends of a path driven by the clock: distance and angle off where it should have
-            ended.
-    """
+    """The content of validation.json."""
 
     schema_version: int = 1
     phases: int
     seed: int
-    speeds: tuple[Row, ...]
+    speeds: tuple[Row, ...]  # in mm/s, or °/s, over phases between the motors
+    # Speed backwards over that forwards at one motor speed; the published one is of two speeds
     reversals: tuple[Row, ...]
+    # Derivatives d ln v / d ln p; `explains` is the p of the published speed, at first order
     sensitivities: tuple[Row, ...]
+    # Ends of a path driven by the clock: distance and angle off where it should have ended
     paths: tuple[Row, ...]
 
 

@@ -38,23 +38,16 @@ FULL, QUICK = 8, 2  # phases between the motors of each speed, and robots that d
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measurement as a job.
+    """A measurement as a job."""
 
-    Attributes:
-        what: a speed, its slopes, or the ends of a path by the clock.
-        of: what was published.
-        count: phases between the motors, or robots.
-        dithered: whether motors have the steering's dither, on a path.
-        seed: of noise and phases, on a path.
-    """
-
+    # A speed, its slopes, or the ends of a path by the clock
     what: Literal["speed", "slopes", "ends"]
     config: CoSimConfig
     fmu: Path
     of: PublishedSpeed | PublishedPath
-    count: int
-    dithered: bool = False
-    seed: int = 0
+    count: int  # phases between the motors, or robots
+    dithered: bool = False  # whether motors have the steering's dither, on a path
+    seed: int = 0  # of noise and phases, on a path
 
     @property
     def key(self) -> tuple[str, None]:
