@@ -139,9 +139,6 @@ def parse(
     """Return the options of a command line.
 
     Args:
-        kind: record of options; its docstrings are the help.
-        program: with which the usage begins, such as "minirobots run".
-        arguments: of the command line, by default those of the process.
         default: what the command line changes, instead of the record's own defaults.
     """
     line, text = line_of(kind), io.StringIO()
@@ -172,11 +169,7 @@ def run_named(name: str) -> None:
 
 
 def execute(name: str) -> None:
-    """Parse the arguments of this process, do the work, print what came of it.
-
-    Raises:
-        SystemExit: the command failed in its own terms, or a child process has done the work.
-    """
+    """Parse the arguments of this process, do the work, print what came of it."""
     kind, arguments = class_of(name), sys.argv[1:]
     try:
         line = parse(kind, f"minirobots {name}", arguments, kind.defaults(arguments))

@@ -172,7 +172,9 @@ def test_the_recorded_greedy_action_is_what_the_policy_chose():
     assert episode.signals["/rl/r1/q_s"].values[:, 0].tolist() == list(range(1, len(chosen)))
 
 
-def test_progress_is_told_every_task_to_its_end(policy):
+def test_progress_is_told_every_task_of_a_method_to_its_end(policy):
+    built_in = {name for name in agent.methods() if ":" not in name}
+    assert built_in == {"paper", "moves", "shortest", "fastest", "planned"}
     told = Told()
     agent.train("1a", method="paper", episodes=20_000, again=True, progress=told)
     assert told.last == {"training": (20_000, 20_000)}

@@ -106,7 +106,11 @@ def test_the_architecture_page_has_every_folder_and_no_other():
 
 def test_methods_page_has_the_table_of_the_command():
     page = (ROOT / "docs" / "methods.md").read_text("utf-8").replace("`", "")
-    rows = [f"| {name} | {' | '.join(method.facts.values())} |" for name, method in METHODS.items()]
+    rows = [
+        f"| {name} | {' | '.join(method.facts.values())} |"
+        for name, method in METHODS.items()
+        if ":" not in name
+    ]
     assert [row for row in rows if row not in page] == []
 
 

@@ -26,14 +26,6 @@ def validate_argument(name: str, value: Any, kind: Any) -> Any:
 
     NumPy scalars and arrays become numbers and lists, lists become tuples, strings paths, and dicts
     records; a string becomes a tuple of one string, and a dict one of pairs where one is expected.
-
-    Args:
-        name: of the argument, for messages; empty for what a file holds.
-        value: as given.
-        kind: type, as msgspec takes it, or with paths.
-
-    Raises:
-        ConfigError: it names the argument or the part of it, its value and what is expected.
     """
     plain, kinds = to_plain(name, value), _alternatives([kind])
     if isinstance(plain, PurePath) and kinds == [str]:
@@ -156,11 +148,7 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def to_plain(name: str, value: Any) -> Any:
-    """Return an argument with Python's numbers and lists in place of those of NumPy.
-
-    Raises:
-        ConfigError: a value of an array is masked.
-    """
+    """Return an argument with Python's numbers and lists in place of those of NumPy."""
     if isinstance(value, np.generic | np.ndarray):
         if np.ma.is_masked(value):
             raise ConfigError(f"{name} = {shorten(value)} has a masked value; leave it out")
@@ -192,8 +180,6 @@ def numbers(values: Any, shape: tuple[int, ...], kinds: str = "fiu") -> np.ndarr
     """Return what a user gave as float64, or whole numbers as int64; None if it is anything else.
 
     Args:
-        values: an array, or anything that makes one.
-        shape: that it must have.
         kinds: of numbers (`numpy.dtype.kind`) that are allowed; "iu" for whole ones alone.
     """
     try:

@@ -36,17 +36,8 @@ def sweep(
 ) -> Iterator[tuple[int, Any]]:
     """Call a function on every task in parallel.
 
-    Args:
-        function: called in a worker; its results must be picklable.
-        tasks: its arguments.
-        where: backend and number of workers.
-        may_begin: whether another task may begin.
-
     Yields:
         (index of the task, its result), in the order of completion.
-
-    Raises:
-        UserError: the backend is not installed or cannot be reached, or workers keep dying.
     """
     jobs, backend, address = where.jobs, where.backend, where.address
     remaining = dict(enumerate(tasks))

@@ -108,9 +108,6 @@ def run_command(main: Callable[[], None]) -> None:
     Ctrl-C status 130; anything else is a defect and keeps its traceback. SIGTERM, as batch systems
     send it, does what Ctrl-C does (recordings are completed, temporary files removed), with status
     143.
-
-    Args:
-        main: the command; whatever it must keep on an interrupt it has saved by its own means.
     """
     signal.signal(signal.SIGTERM, _terminate)
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:

@@ -106,9 +106,7 @@ def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:
     """Return a dispatcher of numba: IEEE arithmetic, no fastmath, releasing the interpreter's lock.
 
     Args:
-        function: to compile.
         kept: whether its machine code is kept on disk, and references to arrays are counted.
-        options: for numba.
     """
     options |= {"nogil": True, "_nrt": kept}
     dispatcher: Any = numba.njit(error_model="numpy", **cast(Any, options))(function)

@@ -96,11 +96,7 @@ class JobKind(NamedTuple, Generic[SomeJob, Row]):
 
 
 def until(budget_minutes: float | None) -> Callable[[], bool]:
-    """Return whether another job may begin: until a budget of time from now on is used up.
-
-    Raises:
-        UserError: the budget is negative or no number.
-    """
+    """Return whether another job may begin: until a budget of time from now on is used up."""
     budget_minutes = validate_argument("budget_minutes", budget_minutes, BudgetMinutes)
     end = math.inf if budget_minutes is None else time.monotonic() + 60.0 * budget_minutes
     return lambda: time.monotonic() < end
@@ -120,18 +116,9 @@ def run(
 
     Args:
         jobs: wanted, the most important ones first; those of one `key` are computed once.
-        store: of their rows.
-        kind: how they are computed.
-        where: backend and number of workers.
-        may_begin: whether another job may begin; those that have begun end.
-        progress: receives how many have ended, and the share of successes.
-        task: what progress calls it.
 
     Yields:
         The jobs that were missing and their rows, as they end.
-
-    Raises:
-        UserError: of a job, the store or the backend.
     """
     missing = {job.key: job for job in jobs if store.find(job) is None}
     todo, total = list(missing.values()), len(missing)

@@ -25,10 +25,8 @@ class Progress(Protocol):
         """Take a report.
 
         Args:
-            task: what is done, such as "training".
             done: so far, in the task's own unit.
             total: in all, None while unknown; the task is over when `done` has reached it.
-            state: further words.
         """
         ...
 
@@ -50,9 +48,6 @@ def progress_bars(console: "Console | None" = None) -> Iterator[Progress]:
     """Show work that takes more than two seconds: bars on a terminal or in a notebook.
 
     Elsewhere, as in a pipe or a log, each task that takes longer is announced on one line.
-
-    Args:
-        console: to draw on, by default stderr.
     """
     reports: dict[str, tuple[float, float | None, str]] = {}
     over = threading.Event()
@@ -116,11 +111,7 @@ def automatic(task: str, done: float, total: float | None, state: str = "") -> N
 
 
 def showing(call: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
-    """Return a function that shows its progress by default, and none with `progress=None`.
-
-    Args:
-        call: with the keyword argument `progress`, by default `automatic`.
-    """
+    """Return a function that shows its progress by default, and none with `progress=None`."""
 
     @functools.wraps(call)
     def shown(*args: Parameters.args, **options: Parameters.kwargs) -> Result:

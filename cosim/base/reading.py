@@ -49,11 +49,7 @@ class Kind(NamedTuple):
 
 
 def require_file(path: Path, kind: Kind) -> None:
-    """Refuse a path that is not a file.
-
-    Raises:
-        FileError: it says what it is.
-    """
+    """Refuse a path that is not a file."""
     try:
         mode = path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
@@ -77,11 +73,7 @@ def refuse_pointer(path: Path) -> None:
 
 @contextlib.contextmanager
 def parsing(path: Path, kind: Kind) -> Iterator[None]:
-    """Report any failure inside as a fault of the file's content.
-
-    Raises:
-        FileError: it names the file and what failed.
-    """
+    """Report any failure inside as a fault of the file's content."""
     try:
         yield
     except FileError:
@@ -101,11 +93,7 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def read_bytes(path: Path, kind: Kind) -> bytes:
-    """Content of a file.
-
-    Raises:
-        FileError: it cannot be read.
-    """
+    """Content of a file."""
     require_file(path, kind)
     with parsing(path, kind):
         if path.stat().st_size > MAX_TEXT_BYTES:
@@ -114,27 +102,14 @@ def read_bytes(path: Path, kind: Kind) -> bytes:
 
 
 def read_json(path: Path, kind: Kind, form: Any = Any) -> Any:
-    """Value of a JSON file.
-
-    Args:
-        path: of the file.
-        kind: of the file.
-        form: type that the value must have, as msgspec takes it.
-
-    Raises:
-        FileError: it cannot be read.
-    """
+    """Value of a JSON file."""
     content = read_bytes(path, kind)
     with parsing(path, kind):
         return msgspec.json.decode(content, type=form)
 
 
 def read_toml(path: Path, kind: Kind) -> dict[str, Any]:
-    """Tables of a TOML file, which users write: errors name the line.
-
-    Raises:
-        FileError: it cannot be read.
-    """
+    """Tables of a TOML file, which users write: errors name the line."""
     content = read_bytes(path, kind)
     for number, line in enumerate(content.splitlines(), 1):
         # What ends in = or ] may be a key; each part of a line is looked at once.
@@ -152,16 +127,7 @@ def read_toml(path: Path, kind: Kind) -> dict[str, Any]:
 
 
 def read_arrays(path: Path, kind: Kind, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Arrays of an `.npz` file by name, writable; their checksums are compared.
-
-    Args:
-        path: of the file.
-        kind: of the file.
-        names: of the arrays that it must have.
-
-    Raises:
-        FileError: it cannot be read.
-    """
+    """Arrays of an `.npz` file by name, writable; their checksums are compared."""
     require_file(path, kind)
     with parsing(path, kind), zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}

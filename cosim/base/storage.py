@@ -68,15 +68,7 @@ def require_cache(folder: Path) -> None:
 
 
 def lock_open(file: int | IO[bytes], *, wait: bool = True) -> None:
-    """Lock an open file or folder until it is closed; on Windows do nothing.
-
-    Args:
-        file: or folder.
-        wait: until other processes have closed it.
-
-    Raises:
-        OSError: another process has it locked, or its file system has no locks.
-    """
+    """Lock an open file or folder until it is closed; on Windows do nothing."""
     if fcntl is not None:
         fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
 
@@ -121,12 +113,7 @@ def load_or_create(
     """Return what the cache has at `path`, or make it: in one process, while others wait for it.
 
     Args:
-        path: of the cached file or folder.
         load: reads it; None if it is missing or damaged.
-        make: makes and writes it.
-
-    Raises:
-        FileError: it is missing, and the cache cannot be written.
     """
     if (found := load()) is not None:
         return found
@@ -147,13 +134,6 @@ def cached(
 
     Args:
         path: of the file; its SHA-256 is kept next to it.
-        load: reads what `save` wrote.
-        make: makes what is to be in the file.
-        save: writes it.
-        again: make it even if it is there.
-
-    Raises:
-        FileError: a folder is in the file's place, or the cache cannot be written.
     """
     require_no_folder(path)
 
@@ -203,9 +183,6 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Readers see the old file or the whole new one, also when two processes write at once. What a
     killed process left of its temporary file is removed by the next one that writes the same.
-
-    Raises:
-        FileError: a folder is in the file's place.
     """
     require_no_folder(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -249,11 +226,7 @@ def _folder_of_process() -> "tempfile.TemporaryDirectory[str]":
 
 
 def require_suffix(path: Path | str, ending: str) -> Path:
-    """Return the path of a file to write; programs find its kind by its `ending`.
-
-    Raises:
-        FileError: its name ends otherwise.
-    """
+    """Return the path of a file to write; programs find its kind by its `ending`."""
     file: Path = validate_argument("path", path, Path)
     if file.suffix != ending:
         raise FileError(f"{file}: its name must end in {ending}; choose {file.stem}{ending}")

@@ -64,7 +64,6 @@ def show_texts(
         names: how many of the first columns name a row: each table has them, and long ones in
             several lines.
         numbers: how many of the last columns are set flush right.
-        console: to print on, by default that of stdout.
     """
     from rich.cells import cell_len  # noqa: PLC0415 - slow to import
     from rich.console import Console  # noqa: PLC0415

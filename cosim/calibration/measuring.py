@@ -177,12 +177,7 @@ def find_calibration(
     jobs: int = 2,
     again: bool = False,
 ) -> Calibration:
-    """The calibration of a configuration: found in the cache, or measured and kept there.
-
-    Args:
-        jobs: threads, on which no bit depends.
-        again: measure even if the calibration is there.
-    """
+    """The calibration of a configuration: found in the cache, or measured and kept there."""
     config = replace(config, open_loop=())  # speeds are those of motors under control
     MotorFmu(motor_fmu)  # a missing or foreign file is named before anything is hashed
     path = cache_dir("calibrations") / f"{digest(config, motor_fmu)}.npz"

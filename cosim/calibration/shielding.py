@@ -187,10 +187,6 @@ def with_stopping_distance(
 
     The stopping distance is measured once and kept in the cache; on a floor of patches on the most
     slippery one, and across their edges. So is the error of estimates where there is a camera.
-
-    Raises:
-        UserError: robots do not come to rest, or estimates are so bad that robots would
-            stop too far from each other.
     """
     world, shield = config.world, config.shield or SHIELD
     least_mu = min([config.robot.mu, *(patch.mu for patch in world.mu_patches)])

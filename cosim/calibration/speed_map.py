@@ -90,15 +90,7 @@ class Calibration:
         return float(below.max(initial=np.interp(limit, curve.omega_rad_s, curve.mean)))
 
     def require_motion(self, mu: float) -> None:
-        """Refuse robots that do not move.
-
-        Args:
-            mu: friction coefficient, for the message.
-
-        Raises:
-            UserError: the fastest is slower than `LEAST_M_S`; says whether the motors are
-                too weak.
-        """
+        """Refuse robots that do not move."""
         if min(self.largest(drive) for drive in DRIVES) >= LEAST_M_S:
             return
         reached, asked = (np.abs(v).max() for v in (self.omega_rad_s, self.set_points_rad_s))
@@ -116,9 +108,6 @@ class Calibration:
         """Speed in rad/s of both motors for a speed in m/s or a yaw rate in rad/s.
 
         Of several motor speeds that realise it, the slowest.
-
-        Raises:
-            UserError: the robot would hop, or is slower than any trial.
         """
         curve = self.curve(manoeuvre)
         largest = self.largest(manoeuvre)
@@ -140,9 +129,6 @@ class Calibration:
         """The configuration with the motor speeds that realise its drive speed and turn rate.
 
         A turn rate beyond the largest becomes the largest: turning more slowly only takes longer.
-
-        Raises:
-            UserError: the drive speed needs hopping.
         """
         self.require_motion(config.robot.mu)
         steering = config.steering

@@ -66,7 +66,6 @@ def robot_properties(
 
     Args:
         gravity: in the frame of the floor, m/s²; default that of a level one.
-        motors: D and E; default the configuration's.
     """
     motor_d, motor_e = motors or (config.motor, config.motor)
     robot, dt_s = config.robot, config.timing.dt_s
@@ -78,12 +77,7 @@ def robot_properties(
 
 
 def check_motors(fmu: MotorFmu, config: CoSimConfig, robots: int) -> None:
-    """Refuse an FMU without a capability that a run of some robots needs.
-
-    Raises:
-        FmuError: it lacks a capability.
-        ConfigError: its internal step does not divide the communication step.
-    """
+    """Refuse an FMU without a capability that a run of some robots needs."""
     motors, can = robots * len(MOTOR_NAMES), fmu.interface
     if motors > 1 and can.canBeInstantiatedOnlyOncePerProcess:
         raise fmu.refusal(
@@ -134,9 +128,6 @@ class Motors:
         Args:
             sampled: whether the FMU is stepped by whole control periods, and returns samples
                 at the ends of the communication steps in them.
-
-        Raises:
-            FmuError: open loop is asked for, and the FMU does not support it.
         """
         if "motors" in config.open_loop:
             fmu = MotorFmu(fmu.path, open_loop=True)
@@ -185,10 +176,6 @@ class Motors:
                 FMU what it began with.
             phases: (robots, 2) rad at which motors D and E begin; NaN, and by default all, as the
                 FMU says.
-
-        Raises:
-            FmuError: the FMU refuses to load, a parameter, or initialisation; or motors in arrays
-                differ in a parameter that is fixed.
         """
         if phases is None:
             phases = np.full((len(columns), len(MOTOR_NAMES)), np.nan)
@@ -285,11 +272,7 @@ class Motors:
             self.calls.ticks[place] += count
 
     def get_state(self) -> tuple[Any, ...]:
-        """Return what `set_state` restores the motors from, here or in another process.
-
-        Raises:
-            FmuError: the FMU cannot save its state.
-        """
+        """Return what `set_state` restores the motors from, here or in another process."""
         states = [motor and motor.get_state() for motor in self._instances]
         return states, self.calls.ticks.copy(), self._runs.copy(), copy.deepcopy(self._own)
 
@@ -326,12 +309,7 @@ class SpeedNoise:
     """Speed noise of N robots over their motors' set points (Section V), drawn as time passes."""
 
     def __init__(self, config: CoSimConfig, seed: np.random.SeedSequence, robots: int) -> None:
-        """Give every motor a generator with a child of the seed.
-
-        Args:
-            config: amplitude, and time for which a value holds.
-            seed: of the episode; it is not changed.
-        """
+        """Give every motor a generator with a child of the seed."""
         children = range(robots * len(MOTOR_NAMES))
         self._generators = [generator(seed, child) for child in children]
         self._amplitude = config.noise.relative_amplitude

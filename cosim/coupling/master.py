@@ -87,10 +87,6 @@ class Driver(ABC):
             noise: (n, B, 2) speed noise of n periods, over each motor's set point.
             samples: room for n periods of B columns.
             raw: room for a burst of the first m ticks.
-
-        Raises:
-            FmuError: an FMU refused a call; names the instance, the time and its log message.
-            NotFiniteError: a signal is no finite number any more.
         """
 
 

@@ -41,9 +41,6 @@ class Fmu:
         description: fmpy's model description.
         interface: fmpy's description of its Co-Simulation capabilities.
         variables: fmpy's descriptions of its variables, by name.
-
-    Raises:
-        FmuError: the file is missing, is no FMU, or cannot run here.
     """
 
     def __init__(self, path: Path) -> None:

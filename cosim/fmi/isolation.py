@@ -19,14 +19,6 @@ def isolate(command: str, fmu: Path | None) -> None:
     """Run this process's command again in a child process; return only in that child.
 
     Ctrl-C and SIGTERM reach the child once. Ctrl-C again kills it, if an FMU does not return.
-
-    Args:
-        command: module and name of the command; its arguments are those of this process.
-        fmu: FMU that is not built in, if any.
-
-    Raises:
-        FmuError: the child crashed.
-        SystemExit: the child ended, with its status.
     """
     from cosim.fmi.fmu import FmuError  # noqa: PLC0415 - not for every --help
 

@@ -71,9 +71,6 @@ class MotorFmu(Fmu):
         arrays: whether an instance has any number of motors.
         samples: whether an instance samples within a step, see `SAMPLED`.
         internal_step_s: internal step unless it is set, None if the FMU has none.
-
-    Raises:
-        FmuError: the file is missing, is no FMU, or lacks a part of the interface.
     """
 
     def __init__(self, path: Path, *, open_loop: bool = False) -> None:
@@ -126,7 +123,6 @@ class MotorFmu(Fmu):
         """Value reference of a Float64 variable in the usual unit that the master can exchange.
 
         Args:
-            name: of the variable.
             causalities: those it may have, the usual one first.
             samples: value reference of the number of values that it must have of each motor, None
                 for one.
@@ -273,13 +269,8 @@ class Motor:
         """Load and initialise an instance.
 
         Args:
-            name: as it shall appear in messages.
-            parameters: values that replace the FMU's own defaults, by variable name.
             motors: how many it shall have; more than one where they are arrays.
             sampling: samples that a step shall return: their number, and the s between two.
-
-        Raises:
-            FmuError: the FMU lacks a parameter, refuses it, to load or to be initialised.
         """
         self.fmu, self.name, self._motors = fmu, name, motors
         self.log: deque[str] = deque(maxlen=_MESSAGES)
@@ -390,10 +381,6 @@ def with_motor(config: CoSimConfig, motor_fmu: Path) -> CoSimConfig:
     What the configuration says of motors other than Table II, and its `motor_parameters`, are set
     first. A parameter that the FMU does not expose is unknown; the body has the configuration's
     value of those in Eq. (3). The built-in FMU has the configuration's values.
-
-    Raises:
-        FmuError: the FMU cannot be used, lacks a parameter that is set or needed, or has one that
-            no motor can have.
     """
     if is_built_in(motor_fmu) or config.motor_fmu:
         return config

@@ -94,10 +94,6 @@ class CoSimConfig:
             between `motor` and Table II.
         motor_fmu: digest of the FMU that `motor` was read from (`cosim.fmi.motor`); then
             only `motor_parameters` are set. Empty for the built-in FMU.
-
-    Raises:
-        ConfigError: a parameter is out of range or unknown, the robot's parts do not fit into its
-            body, or a period is no multiple of the one below it.
     """
 
     robot: RobotParams = TABLE_I

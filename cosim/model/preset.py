@@ -111,12 +111,7 @@ def built_in() -> list[str]:
 
 
 def find_preset(name_or_path: str | Path | Preset) -> Preset:
-    """Built-in preset of that name, or the one in a TOML file; a record is returned as it is.
-
-    Raises:
-        UserError: there is none, it is no TOML, or no such machine can be; the message names the
-            field.
-    """
+    """Built-in preset of that name, or the one in a TOML file; a record is returned as it is."""
     if isinstance(name_or_path, Preset):
         return name_or_path
     name = str(name_or_path)

@@ -38,11 +38,7 @@ def touches_obstacle(x: Any, y: Any, squared_radius: Any, obstacles: np.ndarray)
 
     Args:
         x, y: centre of the disc, in any unit; numbers, or arrays that broadcast.
-        squared_radius: of the disc.
         obstacles: (M, 4) rectangles left, bottom, right, top.
-
-    Returns:
-        bool, or an array of them; False if there is no obstacle.
     """
     touched = False
     for k in range(len(obstacles)):
@@ -75,10 +71,6 @@ class Scenario:
         obstacles: cells that no robot may touch (none in the paper).
         robot_diameter_m: diameter of every robot, on the grid and in the dynamics; None for the
             machine's, which is that of Table I on the grid alone.
-
-    Raises:
-        UserError: a size is not positive, a cell is off the board, a robot would touch an
-            obstacle at its start or target, or targets are closer than one diameter.
     """
 
     name: str
@@ -158,11 +150,7 @@ class Scenario:
                 )
 
     def require_free_starts(self) -> None:
-        """Refuse starts in cells that no centre may enter, and on the robot's own target.
-
-        Raises:
-            UserError: it names the first of them.
-        """
+        """Refuse starts in cells that no centre may enter, and on the robot's own target."""
         taken = {*self.targets, *self._closed}
         for robot, cells in enumerate(self.starts):
             for cell in cells:

@@ -55,10 +55,6 @@ def find_scenario(name_or_path: str | Path | Scenario, *, ideal: bool = False) -
 
     Args:
         ideal: refuse a world of its own, of which only obstacles would have an effect.
-
-    Raises:
-        UserError: there is no such scenario, the file does not describe one, or its world is
-            refused.
     """
     scenario, world = find_in_world(name_or_path)
     if ideal and msgspec.structs.replace(world, obstacles=()) != IDEAL:

@@ -83,11 +83,7 @@ def observe(
 
 
 def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...]:
-    """Start cells drawn uniformly, again while any two robots would touch.
-
-    Raises:
-        UserError: `DRAWS` times two of them do, or a start is not free.
-    """
+    """Start cells drawn uniformly, again while any two robots would touch."""
     scenario.require_free_starts()
     contact = distance_thresholds(scenario).contact
     for _ in range(DRAWS):

@@ -175,7 +175,6 @@ def _meets(
 
     Args:
         rectangles: (M, 4) left, bottom, right, top in m.
-        plan: line in m.
         least_m: distance that is kept.
         owners: (M,) robots for which a rectangle counts for nothing.
         robot: robot of the plan; −1 where all rectangles count.

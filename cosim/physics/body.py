@@ -174,7 +174,6 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
     """The body after dt (Eq. 2).
 
     Args:
-        body: before.
         force: applied force without gravity and contacts, body frame, N.
         moment: applied moment about the axis at the height of the centre of mass, body frame, N m.
     """

@@ -136,8 +136,6 @@ def impact_speed(
         before: normal speed of the foot at that time; if it closes the gap within the step, the
             foot leaves with that times `restitution`.
         allowed: what `allowed_approach` returned; holds for a foot that does not land.
-        restitution: from 0 to 1.
-        inverse_dt: inverse of the step, 1/s.
     """
     bounce = -restitution * before
     lands = (gap * inverse_dt + before <= 0.0) & (bounce > 0.0) & (bounce > allowed)
@@ -159,9 +157,6 @@ def gradient_step(
         impulse: (λ, q): normal impulse and friction impulse vector in N s, body frame.
         velocity: of the foot with these impulses applied, body frame, m/s.
         normal: unit normal of the floor in the body frame.
-        least_normal_speed: what `allowed_approach` or `impact_speed` returned.
-        mu: friction coefficient under the foot.
-        contact: solver parameters.
 
     Returns:
         The impulse after the step: λ ≥ 0 and |q| ≤ μ λ.

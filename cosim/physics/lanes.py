@@ -110,15 +110,7 @@ def _truth_to_mask(context: Any, builder: Any, given: Any, wanted: Any, value: A
 def _define(
     function: Any, arguments: int, kind: type[_Vector], result: Any, emit: Callable
 ) -> None:
-    """Teach numba an operation on `kind`, elements next to which are spread.
-
-    Args:
-        function: operator or function.
-        arguments: their number.
-        kind: of at least one argument.
-        result: kind of the result.
-        emit: builds the instruction from the builder and the arguments.
-    """
+    """Teach numba an operation on `kind`, elements next to which are spread."""
 
     @infer_global(function)  # pyright: ignore[reportOptionalCall]
     class _Template(AbstractTemplate):

@@ -67,12 +67,8 @@ def body_params(
     """Constants of a robot.
 
     Args:
-        robot: Table I and the assumed geometry.
-        motor: for g, and for the tolerance through the weight.
-        dt_s: step in s.
         gravity: in the world frame, m/s²; default g straight down.
         tolerance: contact sweeps end when impulses change by less than this share of weight·dt.
-        world: its payload and restitution.
     """
     mass = mass_of(robot, world)
     return BodyParams(
@@ -111,13 +107,7 @@ def properties_of(params: BodyParams, *mounts: MotorMount) -> np.ndarray:
 def gravity(
     world: World, drawn: Drawn, g: float, portable: bool = False
 ) -> tuple[float, float, float]:
-    """Return the gravitational acceleration in m/s² in the frame of the floor, z away from it.
-
-    Args:
-        world: with the slope.
-        drawn: with its direction.
-        g: its amount.
-    """
+    """Return the gravitational acceleration in m/s² in the frame of the floor, z away from it."""
     sine, down = sine_and_cosine(math.radians(world.floor_tilt_deg), portable)
     aside, ahead = sine_and_cosine(math.radians(drawn.tilt_direction_deg), portable)
     along = g * sine
@@ -138,15 +128,7 @@ def read_params(
     common: BodyParams,
     feet: tuple[Vector, Vector, Vector],
 ) -> BodyParams:
-    """Constants of the robots from a column of (PROPERTIES, B) on, one for every lane.
-
-    Args:
-        properties: layout above.
-        column: of the first robot.
-        width: how many robots.
-        common: what they share: step, bound on the sweeps.
-        feet: positions of A, B, C.
-    """
+    """Constants of the robots from a column of (PROPERTIES, B) on, one for every lane."""
     x, y = load(properties, CENTRE, column, width), load(properties, CENTRE + 1, column, width)
     restitution = load(properties, RESTITUTION, column, width)
     return BodyParams(
@@ -202,7 +184,6 @@ def feel_patches(
         properties: (PROPERTIES, B), layout above; rows MU change.
         bodies: (STATE_SIZE, B), layout in `cosim.physics.body_state`.
         patches: (P, 5) left, bottom, right, top in m, and mu; later ones cover earlier ones.
-        common: with the feet.
     """
     axes = rotation_matrix(orientation_of(bodies[:, column]))
     feet = (common.contact.a, common.contact.b, common.contact.c)

@@ -84,11 +84,7 @@ def rotated(q: Quaternion, r: Vector) -> Quaternion:
 
 @inlined
 def heading(q: Quaternion, portable: bool = False) -> float:
-    """Angle in rad, in [−π, π], from the world's x axis to the body's x axis seen from above.
-
-    Args:
-        q: orientation.
-    """
+    """Angle in rad, in [−π, π], from the world's x axis to the body's x axis seen from above."""
     w, x, y, z = q
     return angle_of(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z), portable)
 

@@ -38,11 +38,8 @@ def episode_blueprint(
 
     Args:
         robots: number of robots, or indices of those with signals to show.
-        bursts: whether bursts at every tick are recorded.
         policies: whether the robots' policies are drawn on the floor; then the first tab has action
             values and rewards, else where robots are.
-        distances: whether those between robots are recorded.
-        camera: whether robots are seen by a camera.
     """
     names = robot_names(robots)
     signals = signals_of(distances=len(names) > 1 and distances, camera=camera)
@@ -167,12 +164,7 @@ def _arena(
 
 
 def training_blueprint(robots: int, columns: int = 0, rows: int = 0) -> rrb.Blueprint:
-    """Learning curves on the left, value maps and visits on the right; only curves of no robot.
-
-    Args:
-        robots: robots with recorded maps.
-        columns, rows: of the maps.
-    """
+    """Learning curves on the left, value maps and visits on the right; only curves of no robot."""
     names = robot_names(robots)
     # Room for the labels of the colour bars, which the viewer leaves out when it fits a view.
     bounds = rrb.VisualBounds2D(x_range=[-1, columns + 6], y_range=[-2, rows + 2])

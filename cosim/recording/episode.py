@@ -207,9 +207,6 @@ class EpisodeRecorder:
                 default the action in force, without values.
             reward_parts: (N, 3) reward of the step as the sum of
                 `cosim.recording.series.REWARD_PARTS`, NaN where none was.
-
-        Raises:
-            UserError: the disk is full, or what was taken before could not be written.
         """
         if self._error is not None:
             raise self._error

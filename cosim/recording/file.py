@@ -107,11 +107,7 @@ class Kept:
         self.send_rows()
 
     def write(self, path: Path) -> None:
-        """Write a file.
-
-        Raises:
-            UserError: the folder cannot be written, or the disk is full.
-        """
+        """Write a file."""
         with Recording(path, self.recording_id, self.blueprint) as file:
             file.send(self.chunks)
 
@@ -143,10 +139,6 @@ class Recording(Kept):
         recording_id: identity of the recording.
         blueprint: what the viewer shows when the file is opened.
         viewer: address of a running viewer that gets the same data, if any.
-
-    Raises:
-        UserError: the folder cannot be written, or the disk is full.
-        FileError: another process writes to the file.
     """
 
     def __init__(
@@ -188,21 +180,12 @@ class Recording(Kept):
             )
 
     def send(self, chunks: Iterable[Chunk]) -> None:
-        """Write chunks.
-
-        Raises:
-            UserError: they are not accepted in time, because earlier ones did not reach the
-                disk or the viewer.
-        """
+        """Write chunks."""
         if self._stream is not None:
             self._in_time(partial(self._stream.send_chunks, chunks))
 
     def flush(self) -> None:
-        """Write out the data so far.
-
-        Raises:
-            UserError: it did not reach the disk, or not in time.
-        """
+        """Write out the data so far."""
         super().flush()
         self._write_through()
         # Return to the system what allocators keep of written chunks, ever more of it.
@@ -253,11 +236,7 @@ class Recording(Kept):
         )
 
     def close(self) -> None:
-        """Complete the file and give it its name.
-
-        Raises:
-            UserError: it is not whole; what there is of it keeps its provisional name.
-        """
+        """Complete the file and give it its name."""
         if self._stream is None:
             return
         self.send_rows()

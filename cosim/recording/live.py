@@ -20,11 +20,7 @@ _DEFAULT_PORT = 9876
 
 
 def find_viewer(url: str) -> str:
-    """The address of a viewer, after it has answered.
-
-    Raises:
-        UserError: the address cannot be understood, or nothing answers there.
-    """
+    """The address of a viewer, after it has answered."""
     host, port = _host(url)
     if not _answers(host, port):
         raise UserError(
@@ -35,11 +31,7 @@ def find_viewer(url: str) -> str:
 
 
 def spawn_viewer(url: str) -> str:
-    """Open a viewer on this machine, or find the one that listens there; returns its address.
-
-    Raises:
-        UserError: it does not start.
-    """
+    """Open a viewer on this machine, or find the one that listens there; returns its address."""
     import rerun as rr  # noqa: PLC0415 - slow; commands read the default address from here
 
     host, port = _host(url)

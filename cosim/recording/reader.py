@@ -104,14 +104,7 @@ class RecordingData:
 
 
 def read_rrd(path: Path) -> RecordingData:
-    """Read a recording on the timeline `sim_time`.
-
-    Args:
-        path: an .rrd file, or the .rrd.part that a killed writer left.
-
-    Raises:
-        FileError: there is no such file, or it is no recording.
-    """
+    """Read a recording on the timeline `sim_time`."""
     part = path.parent / f"{path.name}.part"
     left = not path.exists() and part.is_file()
     fix = f"its writer left {part}, read that" if left else "name an .rrd file"
@@ -157,11 +150,7 @@ def _read_whole(file: Path, original: Path | None = None) -> RecordingData:
 def read_chunks(
     chunks: Iterable[Chunk], recording_id: str, path: Path | None = None, complete: bool = True
 ) -> RecordingData:
-    """Read all chunks of a recording, as `read_rrd` does those of a file.
-
-    Raises:
-        FileError: a signal changes its number of components.
-    """
+    """Read all chunks of a recording, as `read_rrd` does those of a file."""
     moving: dict[tuple[str, str], list[pa.RecordBatch]] = defaultdict(list)
     fixed: dict[str, dict[str, list[Any]]] = defaultdict(dict)
     for chunk in chunks:
@@ -272,11 +261,7 @@ class Signals(Mapping[str, Signal]):
         self._origin, self._signals = origin, signals
 
     def __getitem__(self, name: str) -> Signal:
-        """The signal of a name.
-
-        Raises:
-            SignalError: there is none, an error of the user's and a KeyError at once.
-        """
+        """The signal of a name."""
         for prefix in PREFIXES:
             if prefix + name in self._signals:
                 return self._signals[prefix + name]
@@ -350,26 +335,14 @@ class Episode:
         return f"Episode({self.origin}: {self.outcome or 'unfinished'}, {self.time_s:g} s)"
 
     def parameter(self, name: str) -> float:
-        """The value of a numeric parameter.
-
-        Raises:
-            FileError: the recording names no such number.
-        """
+        """The value of a numeric parameter."""
         parameter = self.parameters.get(name)
         if parameter is None or isinstance(parameter.value, (str, list)):
             raise FileError(f"{self.origin} lacks its parameter {name}; record it again")
         return float(parameter.value)
 
     def save(self, path: Path | str) -> None:
-        """Write the recording to a file that is not there yet.
-
-        Args:
-            path: of the new file (.rrd); its folder is made if it is missing.
-
-        Raises:
-            FileError: there is such a file or folder, or its name does not end in .rrd.
-            FileError: the recording itself is gone.
-        """
+        """Write the recording to a file that is not there yet."""
         path = require_suffix(path, ".rrd")
         if path.exists():
             raise FileError(f"{path}: it exists; move it away or choose another name")
@@ -382,14 +355,7 @@ class Episode:
 
 
 def read_episode(recording: Path | Kept) -> Episode:
-    """Read the recording of an episode, whole or left by a killed writer, or from memory.
-
-    Args:
-        recording: an .rrd file, the .rrd.part that a killed writer left, or chunks in memory.
-
-    Raises:
-        FileError: the file does not exist, cannot be read, or holds no episode.
-    """
+    """Read the recording of an episode, whole or left by a killed writer, or from memory."""
     if isinstance(recording, Path):
         path, data = recording, read_rrd(recording)
     else:

@@ -228,8 +228,6 @@ def signals_of(*, distances: bool, camera: bool, full: bool = True) -> list[Sign
 
     Args:
         distances: whether there are several robots, all of which are sampled.
-        camera: whether robots see themselves through one.
-        full: whether those of the level "full" are among them.
     """
     return [
         signal

@@ -107,7 +107,6 @@ class Batch:
         """Prepare K places for episodes of N robots, with a configuration unless given another.
 
         Args:
-            driver: one of DRIVERS.
             lanes: bodies in a vector of a driver of IN_LANES, a power of two; by default 2 for up
                 to two robots, else what the processor has: every number is compiled on its own.
         """

@@ -148,11 +148,13 @@ class Run(Command):
             for number, result in enumerate(results)
         ]
         first = [out / result.recording for result in results[:1] if result.recording]
+        learnt_on_grid = log is not None and getattr(policy.config, "method", "") == "paper"
         return Output(
             {"episodes": results},
             partial(show_texts, (*names, "recording"), rows),
             f"results in {out}/: summary.json, policy.npz",
             *(f"open with: {in_shell('rerun')} {path}" for path in first),
+            *(["a faster policy: --method fastest --through (docs/methods.md)"] * learnt_on_grid),
         )
 
     def _policy(

@@ -136,7 +136,7 @@ def test_trained_policy_is_found_again(runs):
         ("--motor-fmu nowhere.fmu", "nowhere.fmu does not exist"),
         (f"--motor-fmu {__file__}", "is broken"),
         ("--dt 3e-5", "not a whole multiple"),
-        ("--mu -1", "mu = -1.0 must be"),
+        ("--mu -1", "mu = -1.0 is invalid: expected float >= 0"),
         ("--speed 9", "would make the robot hop; the largest possible is 4."),
         ("--episodes 0", "episodes = 0 is invalid: expected int >= 1"),
         ("--out /proc/none", "/proc/none"),

@@ -128,7 +128,7 @@ def configured(text: bytes) -> Callable[[Path, Path], object]:
 
 
 POLICIES: dict[str, tuple[Content, str]] = {
-    "a pickle": (pickled, "holds Python objects"),
+    "a pickle": (pickled, "allow_pickle=False"),
     "three gigabytes": (declaring(3 * 2**30), "unpacks to more than 2048 MiB"),
     "another size": (declaring(100), "damaged"),
     "no arrays": (arrays(a=np.ones(1)), "lacks 'config'"),

@@ -105,12 +105,7 @@ def identify(
     """Identify a robot, and write identification.json, preset.toml, report.md and the drawing.
 
     Args:
-        track: to identify it from.
-        name: of the track.
         preset: what is not identified, and the usual values of what is.
-        config: of the simulation.
-        fmu: of its motors.
-        out: folder.
     """
     config = with_motor(config, fmu)
     set_points = track.set_points(config.timing.control_period_s)

@@ -284,10 +284,8 @@ def _drive(
         bodies: (STATE_SIZE, B); change.
         properties: (PROPERTIES, B).
         shapes: (_SHAPE, B), layout above.
-        body, mount: what all robots and motors share.
         omega: (P + 1, 2, B).
         seen: (P // every + 1, B, 3), overwritten from the second row on.
-        width: of the vectors.
     """
     dt = body.dt
     share = 1.0 / ticks

@@ -86,11 +86,7 @@ def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTr
     by commas, semicolons or tabs; headings may name the unit, as in "time [s]".
 
     Args:
-        path: of the file.
         board_m: width and height of the board with its corner at the origin; by default endless.
-
-    Raises:
-        FileError: the file cannot be read, or its content cannot be used.
     """
     try:
         return _checked(*_table(path), board_m)

@@ -119,14 +119,6 @@ def drive_by_the_clock(
     """Displacement (robots, 3) in m, x along the first heading, and turned angle in rad.
 
     Robots drive a path by the time that its parts take, blind for where they are.
-
-    Args:
-        config: calibrated.
-        fmu: of every motor.
-        legs: of the path.
-        robots: each with noise of its own, and a phase between its motors at the start.
-        seed: of noise and phases.
-        dithered: whether motors have the dither of the steering.
     """
     steering, period_s = config.steering, config.timing.control_period_s
     speeds = {

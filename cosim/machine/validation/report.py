@@ -51,11 +51,9 @@ def report_of(
     """Measured numbers next to published ones.
 
     Args:
-        speeds: measured ones.
         slopes: d ln v / d ln p by the parameter, simulated and in closed form.
         paths: published; whether motors had the steering's dither; and of each robot displacement
             in m and turned angle in rad, over what was intended.
-        phases, seed: see `ValidationReport`.
     """
     rows = tuple(_speed_row(*pair) for pair in speeds.items())
     return ValidationReport(

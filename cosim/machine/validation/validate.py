@@ -118,14 +118,7 @@ def validate(
     where: Workers = Workers(),  # noqa: B008 - a constant
     progress: Progress = silent,
 ) -> ValidationReport:
-    """Measure results that are missing in the cache, and compare them with published ones.
-
-    Args:
-        motor_fmu: of every motor.
-        count: phases and robots.
-        seed: of noise and phases on paths.
-        where: backend and number of workers; the result does not depend on it.
-    """
+    """Measure results that are missing in the cache, and compare them with published ones."""
     configs = {
         name: with_motor(find_preset(name).config(), motor_fmu)
         for name in {p.preset for p in SPEEDS}

@@ -163,7 +163,7 @@ def test_a_restart_waits_for_the_step_and_happens_once(array):
         assert motors.do_step(0.05 + k * STEP_S, STEP_S) == OK
     alone = array(1).start(omega_des=700.0)
     assert alone.do_step(0.0, 3 * STEP_S) == OK
-    assert (motors.get(*NAMES)[:, 0] == alone.get(*NAMES)[:, 0]).all()
+    assert (motors.get(*NAMES)[:, 0] == alone.get(*NAMES)).all()
     assert motors.get("theta")[0, 1] > before[0, 1]
 
 
@@ -177,7 +177,7 @@ def test_a_motor_may_start_anew_from_another_angle(array):
     assert motors.do_step(0.05, STEP_S) == OK
     alone = array(1).start(omega_des=700.0, theta_start=2.0)
     assert alone.do_step(0.0, STEP_S) == OK
-    assert (motors.get(*NAMES)[:, 0] == alone.get(*NAMES)[:, 0]).all()
+    assert (motors.get(*NAMES)[:, 0] == alone.get(*NAMES)).all()
     assert motors.get("theta")[0, 1] > before[0, 1]
 
 
@@ -198,7 +198,7 @@ def test_samples_have_the_bits_of_a_step_for_each(array, n, part_s):
         each = []
         for part in range(step * parts, (step + 1) * parts):
             assert single.do_step(part * part_s, part_s) == OK
-            each.append(single.get(*names))
+            each.append(np.reshape(single.get(*names), (3, n)))
         kept = np.full((3, parts, n), np.nan)
         assert whole.values("GetFloat64", sampled_names, kept) == OK
         assert np.array_equal(kept, np.swapaxes(each, 0, 1))
@@ -209,4 +209,4 @@ def test_samples_have_the_bits_of_a_step_for_each(array, n, part_s):
             whole.n = n
     one = np.full((3, n), np.nan)
     assert single.values("GetFloat64", sampled_names, one) == OK
-    assert np.array_equal(one, single.get(*names))
+    assert np.array_equal(one, np.reshape(single.get(*names), (3, n)))
