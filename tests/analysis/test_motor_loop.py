@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -199,7 +198,6 @@ def test_plots_of_the_loop_show_its_curves():
         np.testing.assert_array_equal(curve(voltage, number), row.voltage)
     labels = [text.get_text() for text in speed.get_legend().get_texts()]
     assert labels == ["theory", "FMU", "proposed"]
-    plt.close(figure)
 
 
 @pytest.fixture(scope="module")
@@ -264,7 +262,6 @@ def test_fig_7_is_that_of_the_motor_in_the_recording(motor_fmu, tmp_path):
         assert f"{name} = {value:g}" in figure.get_suptitle()
         assert f"{name} = {value:g}" in caption.ours[-1]
         assert caption.numbers["motor"][name] == value
-    plt.close(figure)
 
 
 def test_fig_7_draws_each_signal_of_each_loop(recording):
@@ -283,7 +280,6 @@ def test_fig_7_draws_each_signal_of_each_loop(recording):
         np.testing.assert_array_equal(column[2].lines[0].get_ydata(), expected)
     labels = [text.get_text() for text in whole[0].get_legend().get_texts()]
     assert labels == ["open loop", "closed loop", "set point"]
-    plt.close(figure)
 
 
 @pytest.mark.long
