@@ -70,13 +70,7 @@ WALL = replace(MEETING, starts=(((15, 18),), ((15, 10),)), obstacles=((14, 14), 
 CROSSING = find_scenario("4-cross")
 # Targets one cell away: an episode takes some seconds.
 NEAR = Scenario(
-    "near",
-    "",
-    ((3, 6), (9, 6)),
-    (((3, 7), (3, 8)), ((9, 5), (9, 4))),
-    columns=13,
-    rows=13,
-    zone=(0, 0, 0, 0),
+    "near", "", ((3, 6), (9, 6)), (((3, 7), (3, 8)), ((9, 5), (9, 4))), 13, 13, zone=(0, 0, 0, 0)
 )
 CAMERA = Sensor(30.0, 50.0, 0.5, 1.0, 0.1)
 PATCHES = Patch((10, 8, 20, 13), 0.1), Patch((12, 16, 16, 20), 0.22)

@@ -22,6 +22,10 @@ NUMBER = re.compile(r"\d+")
 TAG = re.compile(r"^ *(?:#|//|/\*|\*) ?(.*)$")
 
 
+def _page(name: str) -> str:
+    return (ROOT / "docs" / f"{name}.md").read_text("utf-8")
+
+
 def _tagged(path: Path) -> set[int]:
     """Equations with a tag in a comment directly above a line of code."""
     found: set[int] = set()
@@ -37,7 +41,7 @@ def _tagged(path: Path) -> set[int]:
 
 def _rows() -> list[tuple[set[int], list[Path]]]:
     """Equations and files of the table in docs/architecture.md."""
-    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    page = _page("architecture")
     rows = []
     for equations, places in re.findall(r"^\| (\(\d+\).*?) \| (.*) \|$", page, re.MULTILINE):
         numbers = [int(n) for n in re.findall(r"\((\d+)\)", equations)]
@@ -56,21 +60,17 @@ def test_every_equation_is_tagged_where_the_architecture_page_says():
 
 
 def test_the_page_of_the_paper_leaves_nothing_out():
-    page = (ROOT / "docs" / "paper.md").read_text("utf-8")
+    page = _page("paper")
     *_, equations, tables, figures = re.split(r"^## ", page, flags=re.MULTILINE)
-    rows = {
-        int(n)
-        for row in re.findall(r"^\| (\(.*?\)) \|", equations, re.M)
-        for n in NUMBER.findall(row)
-    }
-    assert rows == set(range(1, 15))
+    rows = " ".join(re.findall(r"^\| (\(.*?\)) \|", equations, re.M))
+    assert {int(n) for n in NUMBER.findall(rows)} == set(range(1, 15))
     assert re.findall(r"^\| (I+) \|", tables, re.M) == ["I", "II"]
     assert [int(n) for n in re.findall(r"^\| (\d+) ", figures, re.M)] == list(range(1, 13))
     assert {*re.findall(r"`(fig\d+)`", figures)} == {name for name in FIGURES if name[3:].isdigit()}
 
 
 def test_fig07_prints_what_the_reproduction_page_says(motor_fmu, tmp_path):
-    page = (ROOT / "docs" / "reproduction.md").read_text("utf-8")
+    page = _page("reproduction")
     ((rise_ms, early_rad_s, end_s),) = re.findall(
         r"closed loop (\d+) ms to 90 %, (\d+) rad/s after 50 ms, ([\d.]+) s to 98 %", page
     )
@@ -81,10 +81,6 @@ def test_fig07_prints_what_the_reproduction_page_says(motor_fmu, tmp_path):
     assert round(numbers["closed_loop_to_98_percent_s"], 2) == float(end_s)
 
 
-def _files(*folders: str) -> list[Path]:
-    return [file for folder in folders for file in sorted((ROOT / folder).rglob("*.py"))]
-
-
 def test_commands_page_names_commands_that_exist():
     page = (ROOT / "minirobots" / "commands.md").read_text("utf-8")
     shown = set(re.findall(r"minirobots ([a-z][a-z-]+)", page))
@@ -93,19 +89,19 @@ def test_commands_page_names_commands_that_exist():
 
 
 def test_the_architecture_page_has_every_folder_and_no_other():
-    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    page = _page("architecture")
     rows = re.findall(r"^\| (`[a-z][^|]*) \| [^|]* \| [^|]* \|$", page, re.MULTILINE)
     named = {name for row in rows for name in re.findall(r"`([\w/.]+)`", row)}
     assert [name for name in named if not (ROOT / name).exists()] == []
-    files = [file for file in _files(*PRODUCT) if file.name != "__init__.py"]
-    folders = {str(file.parent.relative_to(ROOT)) for file in files}
+    files = [file for folder in PRODUCT for file in (ROOT / folder).rglob("*.py")]
+    folders = {str(f.parent.relative_to(ROOT)) for f in files if f.name != "__init__.py"}
     inner = {name for name in folders if "/" in name and not name.startswith("fmus/")}
     missing = {name for name in inner if not named & {name, *map(str, Path(name).parents)}}
     assert missing == set()
 
 
 def test_methods_page_has_the_table_of_the_command():
-    page = (ROOT / "docs" / "methods.md").read_text("utf-8").replace("`", "")
+    page = _page("methods").replace("`", "")
     rows = [
         f"| {name} | {' | '.join(method.facts.values())} |"
         for name, method in METHODS.items()
@@ -120,14 +116,12 @@ def test_pictures_show_what_the_tables_say():
     for name, picture in tables["PICTURES"].items():
         said = str(tables["read_rows"](picture))
         assert tables["drawn_from"](pictures / f"{name}.png") == said, f"draw {name}.png again"
-        assert f"(images/{name}.png)" in (ROOT / "docs" / f"{picture.page}.md").read_text("utf-8")
+        assert f"(images/{name}.png)" in _page(picture.page)
 
 
 def test_the_pages_of_scenarios_and_environments_have_all_of_them():
-    pages = {
-        n: (ROOT / "docs" / f"{n}.md").read_text("utf-8") for n in ("scenarios", "environments")
-    }
+    scenarios, environments = _page("scenarios"), _page("environments")
     names = [name for name in BUILT_IN if "-zone" not in name]
-    assert [n for n in names if f"`{n}`" not in pages["scenarios"]] == []
+    assert [n for n in names if f"`{n}`" not in scenarios] == []
     ids = [spec for spec in gymnasium.registry if "MiniRobots" in spec]
-    assert [spec for spec in ids if spec[-9:] not in pages["environments"]] == []
+    assert [spec for spec in ids if spec[-9:] not in environments] == []

@@ -15,31 +15,27 @@ DOCS = Path(__file__).parents[1] / "docs"
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
 
 
+def run_page(name: str) -> str:
+    """Run the Python of a page as one session, and return the page."""
+    page, names = (DOCS / name).read_text("utf-8"), {"__name__": "session"}
+    for block in re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S):
+        exec(compile(block, f"docs/{name}", "exec"), names)
+    return page
+
+
 def test_api_page_runs_as_written(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(
-        r"^```python\n(.*?)^```$", (DOCS / "api.md").read_text("utf-8"), re.M | re.S
-    )
-    names: dict[str, object] = {"__name__": "session"}
-    for block in blocks:
-        exec(compile(block, "docs/api.md", "exec"), names)
+    run_page("api.md")
     assert "rad/s 20.0 ('D', 'E')" in capsys.readouterr().out
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "policy.npz",
-        "policy.json",
-        "ep.rrd",
-        "lighter.toml",
-    }
+    files = {path.name for path in tmp_path.iterdir()}
+    assert files == {"policy.npz", "policy.json", "ep.rrd", "lighter.toml"}
 
 
 @pytest.mark.slow
 def test_study_page_runs_as_written(tmp_path, monkeypatch, capsys, command):
-    page = (DOCS / "studies.md").read_text("utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    names: dict[str, object] = {"__name__": "session"}
-    for block in re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S):
-        exec(compile(block, "docs/studies.md", "exec"), names)
+    page = run_page("studies.md")
     said = capsys.readouterr().out
     assert "| fastest | 1a | 0.15 | 4 | 100.0% [" in said
     assert "0.0 0.0 0.56" in said
@@ -64,10 +60,6 @@ def test_notebook_runs(path, tmp_path):
     assert not any(cell.get("outputs") for cell in notebook.cells)  # kept small in the repository
     context = {"metadata": {"path": str(tmp_path)}}
     NotebookClient(notebook, timeout=300, resources=context).execute()
-    kinds = {
-        kind
-        for cell in notebook.cells
-        for out in cell.get("outputs", ())
-        for kind in out.get("data", ())
-    }
+    outputs = [out for cell in notebook.cells for out in cell.get("outputs", ())]
+    kinds = {kind for out in outputs for kind in out.get("data", ())}
     assert {"image/png", "application/vnd.jupyter.widget-view+json"} <= kinds

@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,29 +28,17 @@ from cosim.model.world import World
 from fmus.build import cached_fmu
 
 
-def driving() -> None:
-    calibrated_slower(CoSimConfig(), cached_fmu())
+def calibrated(**options: Any) -> CoSimConfig:
+    return calibrated_slower(replace(CoSimConfig(), **options), cached_fmu())
 
 
-def slippery() -> None:  # the example of the README
-    calibrated_slower(CoSimConfig().in_world(World(mu=0.2)), cached_fmu())
-
-
-def shielded() -> None:
-    config = calibrated_slower(replace(CoSimConfig(), shield=SHIELD), cached_fmu())
-    with_stopping_distance(config, cached_fmu())
-
-
-def learning(method: str) -> Callable[[], None]:
-    return lambda: method_config(method, find_scenario("2")) and None
-
-
-DEFAULTS = {
-    "calibration": driving,
-    "calibration on another floor": slippery,
-    "shield": shielded,
-    "moves": learning("moves"),
-    "moves through cells": learning("fastest"),
+FLOOR = CoSimConfig().in_world(World(mu=0.2))  # the example of the README
+DEFAULTS: dict[str, Callable[[], Any]] = {
+    "calibration": calibrated,
+    "calibration on another floor": lambda: calibrated_slower(FLOOR, cached_fmu()),
+    "shield": lambda: with_stopping_distance(calibrated(shield=SHIELD), cached_fmu()),
+    "moves": lambda: method_config("moves", find_scenario("2")),
+    "moves through cells": lambda: method_config("fastest", find_scenario("2")),
 }
 
 

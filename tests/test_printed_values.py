@@ -13,26 +13,13 @@ from cosim.model.scenario_file import PAPER, find_scenario
 from tests.fmus.starts import motor_starts
 
 TABLE_1 = {
-    "mass_kg": 0.1,
-    "diameter_m": 0.05,
-    "height_m": 0.045,
-    "motor_diameter_m": 0.0044,
-    "motor_length_m": 0.0102,
-    "motor_axis_height_m": 0.003,
-}
+    "mass_kg": 0.1, "diameter_m": 0.05, "height_m": 0.045,
+    "motor_diameter_m": 0.0044, "motor_length_m": 0.0102, "motor_axis_height_m": 0.003,
+}  # fmt: skip
 TABLE_2 = {
-    "m": 0.00021,
-    "r": 0.00177,
-    "K_T": 3.64e-4,
-    "J": 2.67e-9,
-    "R": 10.7,
-    "b": 2.94e-9,
-    "c": 1.34e-5,
-    "g": 9.81,
-    "K_p": 0.015,
-    "K_i": 0.025,
-    "V_s_max": 3.0,
-}
+    "m": 0.00021, "r": 0.00177, "K_T": 3.64e-4, "J": 2.67e-9, "R": 10.7, "b": 2.94e-9,
+    "c": 1.34e-5, "g": 9.81, "K_p": 0.015, "K_i": 0.025, "V_s_max": 3.0,
+}  # fmt: skip
 
 
 def test_tables_1_and_2():

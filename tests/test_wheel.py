@@ -102,10 +102,8 @@ def test_pyright_sees_the_types_of_an_installed_wheel(wheel, tmp_path):
     )
     said = json.loads(done.stdout)["generalDiagnostics"]
     types = [row["message"].split(" is ")[-1] for row in said if row["severity"] == "information"]
-    assert types == [
-        '"GreedyPolicy"', '"str"', '"float"', '"float | None"',
-        '"float | None"', '"str"',
-    ]  # fmt: skip
+    expected = "GreedyPolicy", "str", "float", "float | None", "float | None", "str"
+    assert types == [f'"{name}"' for name in expected]
     (error,) = (row["message"] for row in said if row["severity"] == "error")
     assert '"scenario"' in error
 
@@ -164,9 +162,5 @@ def test_installed_package_works_without_the_checkout_and_a_compiler(
     assert found.setdefault("bits", bits) == bits
     assert outcome == "timeout"
     assert all(Path(file).is_relative_to(environment) for file in files)
-    assert {path.name for path in work.iterdir()} == {
-        "runs",
-        "policy.npz",
-        "policy.json",
-        "episode.rrd",
-    }
+    files = {path.name for path in work.iterdir()}
+    assert files == {"runs", "policy.npz", "policy.json", "episode.rrd"}

@@ -10,13 +10,7 @@ from cosim.model.scenario import Scenario
 
 # Targets one cell away, straight ahead: an episode takes some simulated seconds.
 NEAR = Scenario(
-    "near",
-    "",
-    ((3, 6), (10, 6)),
-    (((3, 7), (3, 8)), ((10, 5), (10, 4))),
-    columns=14,
-    rows=14,
-    zone=(0, 0, 0, 0),
+    "near", "", ((3, 6), (10, 6)), (((3, 7), (3, 8)), ((10, 5), (10, 4))), 14, 14, zone=(0, 0, 0, 0)
 )
 
 

@@ -17,7 +17,6 @@ from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.model.outcome import Outcome
 from cosim.model.scenario_file import find_scenario
-from minirobots.runner import execute
 
 
 def briefly(algorithm):
@@ -116,7 +115,7 @@ def test_on_moves_a_collision_costs_more_than_any_detour():
     assert process.goal_reward > dearest
 
 
-def test_moves_are_observed_with_the_motors_and_in_the_worlds_that_are_given(monkeypatch):
+def test_moves_are_observed_with_the_motors_and_in_the_worlds_that_are_given(monkeypatch, command):
     moves, seen = method_config("moves", find_scenario("4")).moves, []
     monkeypatch.setattr(methods, "calibrated_slower", lambda config, *_: config)
     monkeypatch.setattr(methods, "cached_moves", lambda *given: seen.append(given) or moves)
@@ -129,12 +128,9 @@ def test_moves_are_observed_with_the_motors_and_in_the_worlds_that_are_given(mon
         agent.train("1a", method="paper", worlds=WorldRange())
     with pytest.raises(UserError, match="must be ascending"):
         agent.train("1a", method="moves", worlds=WorldRange(mu=(0.3, 0.1)))
-
-
-def test_ranges_without_drawn_worlds_are_refused(monkeypatch):
-    monkeypatch.setattr("sys.argv", ["moves", "--worlds.mu", "0.1", "0.2"])
-    with pytest.raises(UserError, match="ranges have no effect without --worlds"):
-        execute("moves")
+    refused = command("moves", "--worlds.mu", 0.1, 0.2)
+    assert refused.returncode == 2
+    assert "ranges have no effect without --worlds" in refused.stderr
 
 
 @pytest.mark.parametrize("options", [(), ("--method", "moves")])

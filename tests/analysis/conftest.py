@@ -9,6 +9,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
+import matplotlib.pyplot as plt
 import pytest
 
 from agent.evaluation.rows import Row
@@ -51,8 +52,10 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(autouse=True)
 def few_evaluations(monkeypatch):
-    """The same while a test continues with a reproduction."""
+    """The same while a test continues with a reproduction; its figures are closed."""
     evaluate_seldom(monkeypatch)
+    yield
+    plt.close("all")
 
 
 @pytest.fixture(scope="session")

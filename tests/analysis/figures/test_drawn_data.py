@@ -28,12 +28,6 @@ POINTS = 7
 SHARES = {"success", "greedy_success"}
 
 
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
-
-
 def made_up(seed: int, shape: tuple[int, ...] = (POINTS,), **limits: float) -> np.ndarray:
     return np.random.default_rng(seed).uniform(
         limits.get("low", 0.0), limits.get("high", 1.0), shape

@@ -2,7 +2,6 @@
 
 import json
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -12,12 +11,6 @@ from analysis.reading.results import recordings
 from cosim.base.errors import UserError
 from cosim.model.params import STEERING, TABLE_I, TABLE_II
 from cosim.recording.reader import read_episode
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    yield
-    plt.close("all")
 
 
 def test_tracks_are_those_of_the_recordings(results, run_folder):
@@ -31,24 +24,16 @@ def test_tracks_are_those_of_the_recordings(results, run_folder):
     np.testing.assert_array_equal(lines[1].get_xydata(), 100.0 * position)
     (result,) = json.loads((run_folder / "summary.json").read_text())["episodes"]
     assert caption.numbers["2 moves"]["outcomes"] == [result["outcome"]] == ["timeout"]
-    assert "Scenario 2, method moves: 0 of 1 co-simulated episodes end in success" in caption.text()
-
-
-def test_length_of_a_track_is_that_of_the_run(results, run_folder):
-    (path,) = recordings("episodes_2_moves", results)
-    (result,) = json.loads((run_folder / "summary.json").read_text())["episodes"]
     lengths = [100.0 * length for length in paths.read_track(path).path_length_m]
     assert lengths == pytest.approx(result["path_length_cm_by_robot"], abs=0.05)
+    assert "Scenario 2, method moves: 0 of 1 co-simulated episodes end in success" in caption.text()
 
 
 def test_one_board_holds_all_tracks_of_one_robot(results):
     figure, caption = paths.fig09(results)
-    assert [axes.get_title(loc="left") for axes in figure.axes] == [
-        "1a, paper: 0 of 1 reached",
-        "1b, paper: 0 of 1 reached",
-        "1a, moves: 0 of 1 reached",
-        "1b, moves: 0 of 1 reached",
-    ]
+    cases = [(name, method) for method in ("paper", "moves") for name in ("1a", "1b")]
+    titles = [f"{name}, {method}: 0 of 1 reached" for name, method in cases]
+    assert [axes.get_title(loc="left") for axes in figure.axes] == titles
     assert caption.inputs[:2] == ("episodes_1a_paper", "episodes_1b_paper")
 
 
@@ -82,22 +67,14 @@ def test_forces_of_a_cycle_keep_coulombs_law_and_newtons(cycle):
     assert cycle.normal_n.sum(axis=1).mean() == pytest.approx(weight, rel=0.1)
 
 
-def test_cycle_is_drawn_and_described(cycle):
+def test_cycle_is_described(cycle):
     caption = motor_cycle.caption(cycle)
     assert 0.0 < caption.numbers["sliding_share"] <= 1.0
     assert caption.numbers["step_um"] == pytest.approx(1e6 * cycle.ahead_m[-1])
-    force, load, speed, distance = motor_cycle.draw(cycle).axes
-    np.testing.assert_array_equal(force.lines[0].get_ydata(), cycle.driving_n)
-    assert [len(axes.lines) for axes in (force, load, speed, distance)] == [2, 3, 2, 1]
 
 
 def test_methods_meet_the_same_starts(results):
     """Two methods are compared from the same starts and with the same noise."""
-    starts = {
-        method: [
-            track.positions_m[0][0].tolist()
-            for track in paths._read(results, ("1a",))["1a", method]
-        ]
-        for method in ("paper", "moves")
-    }
-    assert starts["paper"] == starts["moves"]
+    paper, moves = (recordings(f"episodes_1a_{method}", results) for method in ("paper", "moves"))
+    starts = [[paths.read_track(p).positions_m[0][0].tolist() for p in of] for of in (paper, moves)]
+    assert starts[0] == starts[1]

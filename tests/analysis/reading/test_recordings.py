@@ -45,9 +45,11 @@ def test_signals_are_arrays_in_order_of_time(episode):
     assert omega.time_s == pytest.approx(TIMING.control_period_s * np.arange(1, 8001), abs=1e-9)
     raw = episode.signals["/raw/r2/omega"]
     assert np.diff(raw.time_s).min() == pytest.approx(TIMING.dt_s, abs=1e-9)
+    assert (omega.unit, episode.signals["/world/r1/robot:translation"].unit) == ("rad/s", "m")
     for path, signal in episode.signals.items():
         assert (np.diff(signal.time_s) >= 0.0).all(), path
         assert len(signal.time_s) == len(signal.values), path
+        assert signal.unit or not path.startswith(("/sim/", "/raw/", "/rl/")), path
 
 
 def test_names_of_signals_may_be_short(episode):
@@ -66,12 +68,9 @@ def test_an_episode_is_saved_under_another_name_and_nothing_is_lost(recording, e
     saved = tmp_path / "new" / "copy.rrd"
     episode.save(saved)
     assert saved.read_bytes() == recording.read_bytes()
+    assert analysis.open(str(recording)).recording_id == episode.recording_id
     with pytest.raises(FileError, match="it exists; move it away"):
         episode.save(saved)
-
-
-def test_analysis_opens_recordings(recording, episode):
-    assert analysis.open(str(recording)).recording_id == episode.recording_id
 
 
 def test_signals_agree_with_each_other(episode):
@@ -85,13 +84,6 @@ def test_signals_agree_with_each_other(episode):
     np.testing.assert_array_equal(slow.values[i], raw.values[j])
     position = episode.signals["/world/r1/robot:translation"]
     assert position.values[-1, 2] == pytest.approx(0.015, abs=1e-3)
-
-
-def test_units_are_known_of_every_signal(episode):
-    assert episode.signals["/sim/r1/motors/omega"].unit == "rad/s"
-    assert episode.signals["/world/r1/robot:translation"].unit == "m"
-    plotted = ("/sim/", "/raw/", "/rl/")
-    assert [p for p, s in episode.signals.items() if p.startswith(plotted) and not s.unit] == []
 
 
 def test_missing_signals_and_parameters_are_named(episode):
@@ -142,12 +134,9 @@ def test_what_is_no_episode_is_refused_in_one_sentence(tmp_path, run_folder):
             read_episode(broken)
     with pytest.raises(match="holds no episode"):
         read_episode(run_folder / "training.rrd")
-
-
-def test_other_recordings_are_read_too(run_folder):
-    data = read_rrd(run_folder / "training.rrd")
-    assert data.complete
-    assert data.signals == {}  # nothing there is on the timeline of simulated time
+    training = read_rrd(run_folder / "training.rrd")
+    assert training.complete
+    assert training.signals == {}  # nothing there is on the timeline of simulated time
 
 
 def test_moves_end_time_out_or_are_cut_off():
@@ -159,18 +148,14 @@ def test_moves_end_time_out_or_are_cut_off():
     )
 
 
-def test_intervals_are_first_and_last_index():
+def test_feet_at_the_friction_limit_slide_for_intervals():
     mask = np.array([True, False, True, True, False, True])
     assert intervals(mask).tolist() == [[0, 0], [2, 3], [5, 5]]
     assert intervals(np.zeros(3, dtype=bool)).tolist() == []
-
-
-def test_feet_at_the_friction_limit_slide():
     time_s = np.zeros(2)
     normal = Signal(time_s, np.array([[1.0, 1.0, 0.0], [2.0, 1.0, 1.0]]), (), "N")
-    friction = Signal(
-        time_s, np.array([[0.09, 0.12, 0.1, 0, 0, 0], [0, 0.3, 0, 0, 0, 0.15]]), (), "N"
-    )
+    forces = np.array([[0.09, 0.12, 0.1, 0, 0, 0], [0, 0.3, 0, 0, 0, 0.15]])
+    friction = Signal(time_s, forces, (), "N")
     expected = [[True, False, False], [True, False, True]]
     assert sliding(friction, normal, 0.15).tolist() == expected
 

@@ -20,21 +20,16 @@ def test_commands_exist_and_name_the_place(name, tmp_path):
     assert result.command(tmp_path).startswith(f"minirobots {result.maker} ")
 
 
-def test_what_is_missing_is_what_has_no_proof(tmp_path):
+def test_what_is_missing_has_no_proof_and_recordings_are_found_in_order(tmp_path):
     assert missing("fig05", tmp_path) == []
     assert [r.name for r in missing("path_ratio", tmp_path)] == ["fig08", "fig11"]
     proof = RESULTS["fig08"].proof_in(tmp_path)
     proof.parent.mkdir(parents=True)
     proof.write_text("{}")
     assert [r.name for r in missing("path_ratio", tmp_path)] == ["fig11"]
-
-
-def test_recordings_are_found_in_order(tmp_path):
     folder = tmp_path / "episodes" / "2-paper" / "episodes"
     folder.mkdir(parents=True)
     for name in ("ep_001.rrd", "ep_000.rrd", "ep_002.rrd.part"):
         (folder / name).touch()
-    assert [path.name for path in recordings("episodes_2_paper", tmp_path)] == [
-        "ep_000.rrd",
-        "ep_001.rrd",
-    ]
+    found = [path.name for path in recordings("episodes_2_paper", tmp_path)]
+    assert found == ["ep_000.rrd", "ep_001.rrd"]
