@@ -100,8 +100,7 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Step all boards; a board begins again with the step after the end of its episode.
 
         Raises:
-            ConfigError: an action is none of the action space.
-            ConfigError: the environment is closed.
+            ConfigError: an action is none of the action space, or the environment is closed.
             FmuError: an FMU failed.
         """
         self._require_open()

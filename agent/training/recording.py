@@ -148,15 +148,11 @@ def _mark_end_of_exploration(file: Recording, log: TrainingLog) -> None:
     end = falls[-1] + 1
     marks = {"success": log.success, "path_length": log.path_length_cm, "epsilon": log.epsilon}
     marks["return"] = log.returns.mean(axis=1)
+    style: dict[str, Any] = {"colors": _WHITE, "markers": "Diamond", "marker_sizes": 6.0}
     for entity, values in marks.items():
         if np.isfinite(values[end]):
             path = f"/train/{entity}/exploration_end"
-            file.static(
-                path,
-                rr.SeriesPoints(
-                    names="exploration ends", colors=_WHITE, markers="Diamond", marker_sizes=6.0
-                ),
-            )
+            file.static(path, rr.SeriesPoints(names="exploration ends", **style))
             times = [rr.TimeColumn("episode", sequence=log.episode[end : end + 1])]
             file.columns(path, times, scalars(values[end : end + 1]))
 
