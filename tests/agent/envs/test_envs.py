@@ -1,5 +1,7 @@
 """Environments: the process of the kernels, and the rules of Gymnasium and PettingZoo."""
 
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -247,7 +249,7 @@ def test_interpretations_of_another_type_are_refused(name):
 )
 def test_resets_of_another_number_of_boards_are_refused(options, said):
     """Options, or a list of seeds."""
-    arguments = {"options": options} if isinstance(options, dict) else {"seed": options}
+    arguments: Any = {"options": options} if isinstance(options, dict) else {"seed": options}
     with pytest.raises(ConfigError, match=said):
         RobotsVectorEnv(2, "2").reset(**arguments)
 
@@ -480,7 +482,7 @@ def test_pictures_show_obstacles():
 def test_cosim_has_the_same_interface():
     env = gym.make("MiniRobots/CoSim-v0", render_mode="rgb_array", decision="period")
     check_env(env.unwrapped, skip_render_check=True)
-    paths = []
+    paths, seen = [], np.zeros(2)
     for _ in range(2):
         seen, _ = env.reset(seed=3, options={"starts": [[15, 29]]})
         assert seen.tolist() == [15, 29]

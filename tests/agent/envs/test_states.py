@@ -211,7 +211,8 @@ def test_physics_are_options_of_environments():
         ConfigError, match=r"option friction is unknown; choose one of world, worlds, .* mu,"
     ):
         gym.make("MiniRobots/CoSim-v0", friction=0.2)
-    for make in (gym.make, gym.make_vec):
+    makers: Any = gym.make, gym.make_vec
+    for make in makers:
         for name, value in (("mu", 0.2), ("decision", "period")):
             with pytest.raises(ConfigError, match=f"{name} has no effect on the grid"):
                 make("MiniRobots/SingleA-v0", **{name: value})

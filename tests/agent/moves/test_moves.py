@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -36,7 +37,7 @@ SMALL = Scenario("small", "", ((1, 1), (10, 10)), STARTS, columns=12, rows=12, z
 
 def ideal_moves(duration_s=RL_STEP_S, turn_s=0.0, drift=0.0, stop=0.0):
     """Every kind of move once, heading east or north-east; drift and stop point north-west."""
-    how = turn_s, duration_s, -drift, drift, -stop, stop
+    how: Any = turn_s, duration_s, -drift, drift, -stop, stop
     moves = [
         Move(direction, heading, NO_DIRECTION, *DIRECTIONS[direction].tolist(), *how)
         for direction in (0, 1)

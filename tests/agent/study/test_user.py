@@ -288,7 +288,7 @@ class Careful(Stubborn):
     """Decides the same."""
 
     def act(self, observation):
-        return [int(observation.cells[0, 0]) % 8]
+        return np.array([int(observation.cells[0, 0]) % 8])
 
 
 def test_what_a_policy_writes_into_arrays_changes_no_episode():
