@@ -12,7 +12,7 @@ import cosim
 import minirobots as mr
 
 OPTIONS = {"mu": [0.15, 0.1, 0.2], "noise": [0.0, 0.1], "reaction": [True]}
-MACHINE = {"com_height_m": [0.010, 0.020], "foot_radius_m": [0.019, 0.021]}
+MACHINE = {"com_height_m": [0.010, 0.020]}
 WORLD = {"restitution": [0.2], "motor_spread": [0.05]}
 
 
