@@ -46,18 +46,21 @@ def reproduce(
             command_of(result, results, profile, seed, jobs).run(progress)
         say(f"{label}: {timings.seconds(result.name):.1f} s")
     with timings.stage("figures"):
-        page = redraw(out, progress, say)
+        _draw(out, progress, say)
     say(f"figures: {timings.seconds('figures'):.1f} s")
-    return page
+    return write_report(results, out / "figures", out / "report")
 
 
 def redraw(out: Path, progress: Progress, say: Callable[[str], None]) -> Path:
     """Draw the figures and write the report from existing results, and return its page."""
-    results, figures = out / "results", out / "figures"
-    _, lacking = draw_figures(FIGURES, results, figures, progress=progress)
+    _draw(out, progress, say)
+    return write_report(out / "results", out / "figures", out / "report")
+
+
+def _draw(out: Path, progress: Progress, say: Callable[[str], None]) -> None:
+    _, lacking = draw_figures(FIGURES, out / "results", out / "figures", progress=progress)
     for name, reason in lacking.items():
         say(f"not drawn: {name}: {reason}")
-    return write_report(results, figures, out / "report")
 
 
 def command_of(result: Result, results: Path, profile: Profile, seed: int, jobs: int) -> Any:
