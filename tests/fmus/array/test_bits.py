@@ -97,7 +97,7 @@ def test_an_array_has_the_bits_of_its_motors(array, instance, n, step_s, closed_
             assert motors.do_step(step * step_s, step_s) == OK, motors.messages
             singles.do_step(step * step_s, step_s)
             step += 1
-            found = motors.get(*NAMES)
+            found = np.reshape(motors.get(*NAMES), (len(NAMES), n))
             assert found.tobytes() == singles.get(*NAMES).tobytes()
             at_rest += int(((found[1] == 0.0) & (found[2] == 0.0)).sum())
             signs |= set(np.sign(found[1]))
