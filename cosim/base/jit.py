@@ -149,10 +149,16 @@ def _kept(dispatcher: Any, compile_one: Callable[[], Any]) -> Any:
                 _LOGGER.warning("%s is damaged: compiling it again", file)
                 require_cache(place.folder)
                 file.unlink()
-        entry = compile_one()
-        if sum(dispatcher.stats.cache_misses.values()) > misses:
+        try:
+            entry = compile_one()
+            if sum(dispatcher.stats.cache_misses.values()) > misses:
+                for file in place.files():
+                    write_checksum(file)
+        except OSError:  # a full disk, for example: what has no checksum is not kept
             for file in place.files():
-                write_checksum(file)
+                if not is_intact(file):
+                    file.unlink()
+            raise
     return entry
 
 
