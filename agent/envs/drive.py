@@ -23,7 +23,7 @@ from agent.envs.vector import RowsVectorEnv
 from cosim.base.arguments import ConfigError, numbers, require_one_of, validate_argument
 from cosim.base.errors import shorten
 from cosim.base.jit import kernel
-from cosim.coupling.signals import MOTORS, Samples
+from cosim.coupling.signals import Samples
 from cosim.model.config import CoSimConfig, whole_ratio
 from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
 from cosim.model.params import TIMING, Positive
@@ -305,7 +305,8 @@ class DriveBoards(DynamicsBoards):
 
     def _looked(self) -> tuple[np.ndarray, np.ndarray]:
         rows, state, robots = self._rows, self._batch.state, self.shape[1]
-        speeds = state.outputs[MOTORS : 2 * MOTORS, : len(rows.poses)].T
+        motors = state.set_points.shape[0]
+        speeds = state.outputs[motors : 2 * motors, : len(rows.poses)].T
         parts = rows.poses, rows.velocities, speeds, rows.targets_m
         motion = DriveObservation(*parts, self.scenario, self._config, {})
         seen = observed(motion, robots, rows.worlds if self._context else None)

@@ -80,7 +80,7 @@ def fig04(results: Path) -> Drawing:
         axes.add_patch(Circle((x, y), 0.9, color=GREEN))
         axes.text(0.78 * x, 0.78 * y, name, color=GREEN, ha="center", va="center")
     length, width = 1e3 * robot.motor_length_m, 1e3 * robot.motor_diameter_m
-    for mount, name in zip(motor_mounts(robot, TABLE_II), "DE", strict=True):
+    for mount, name in zip(motor_mounts(robot, (TABLE_II, TABLE_II)), "DE", strict=True):
         y = 1e3 * mount.y
         inner = y - mount.sin_phi * length
         axes.add_patch(

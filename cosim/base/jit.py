@@ -19,7 +19,7 @@ from numba import types
 from numba.core import config
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.targetconfig import ConfigStack
-from numba.extending import typeof_impl
+from numba.extending import overload, typeof_impl
 
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, is_intact, lock_of, require_cache, write_checksum
@@ -204,6 +204,24 @@ class _Inlined:
 
     def __call__(self, *arguments: Any) -> Any:
         return self._kernel(*arguments)
+
+
+def unrolled(function: Kernel) -> Kernel:
+    """Compile a function of tuples, which calls itself with their rest, into its callers.
+
+    For every length once: numba keeps the branch that the `len` of an argument chooses.
+    """
+    if _SETTINGS.DISABLE_JIT:
+        return function
+
+    @functools.wraps(function)
+    def called(*arguments: Any) -> Any:
+        return function(*arguments)
+
+    options = {"forceinline": True, "nogil": True, "_nrt": False, "error_model": "numpy"}
+    choose: Any = functools.wraps(function)(lambda *_: function)
+    overload(called, jit_options=options)(choose)
+    return cast(Kernel, called)
 
 
 @typeof_impl.register(_Inlined)

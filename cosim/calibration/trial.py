@@ -22,7 +22,7 @@ from cosim.coupling.signals import (
 )
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.params import MotorParams
+from cosim.model.params import MotorParams, motors_of
 from cosim.model.world import draw_world
 from cosim.onboard.camera import NOISE, camera_of, frames_in_flight
 from cosim.physics.body_state import standing_state
@@ -40,7 +40,7 @@ class Trial:
     """N robots, each alone, with motors at rest.
 
     Attributes:
-        bodies: (STATE_SIZE, N), layout in `cosim.physics.body_state`.
+        bodies: (S, N), layout in `cosim.physics.body_state`.
         commands: (N, COMMAND_SIZE), layout in `cosim.onboard.steering`.
         estimates: (N, ESTIMATE_SIZE), layout in `cosim.onboard.estimation`.
         origins_m: (N, 2) where each robot was put.
@@ -52,7 +52,7 @@ class Trial:
         config: CoSimConfig,
         headings_rad: np.ndarray,
         seed: np.random.SeedSequence,
-        motors: Sequence[tuple[MotorParams, MotorParams]] | None = None,
+        motors: Sequence[tuple[MotorParams, ...]] | None = None,
         gravity: Vector | None = None,
         sight: np.ndarray | None = None,
     ) -> None:
@@ -70,15 +70,16 @@ class Trial:
         self._config = config
         self._plant = new_plant(config, 1, end_on_collision=False)
         self._tick = 0
-        self._state = new_state(n, 1, columns)
+        self._sizes = config.robot.motors_count, config.robot.feet_count
+        self._state = new_state(n, 1, columns, *self._sizes)
         self._state.properties[:] = robot_properties(config)[:, None]
         self.origins_m = SPACING_M * np.column_stack([np.arange(1, n + 1), np.ones(n)])
         self._motors = Motors(motor_fmu, config, columns)
         for robot, (x, y) in enumerate(self.origins_m):
             self._state.bodies[:, robot] = standing_state(config.robot, x, y, headings_rad[robot])
-            pair = motors[robot] if motors else (config.motor, config.motor)
-            self._state.properties[:, robot] = robot_properties(config, gravity, pair)
-            start = self._motors.restart([robot], (pair,))
+            own = motors[robot] if motors else motors_of(config.robot, config.motor)
+            self._state.properties[:, robot] = robot_properties(config, gravity, own)
+            start = self._motors.restart([robot], (own,))
             self._state.outputs[: len(start), [robot]] = start
         self._state.running[:] = 1
         if sight is not None:
@@ -110,7 +111,7 @@ class Trial:
 
     def ticks(self, count: int) -> RawSamples:
         """Return room for the signals of `count` ticks, see `advance`."""
-        return new_raw_samples(count, self._state.bodies.shape[1])
+        return new_raw_samples(count, self._state.bodies.shape[1], *self._sizes)
 
     def advance(self, periods: int, ticks: RawSamples | None = None) -> Samples:
         """Simulate some control periods, and return the samples at their ends.
@@ -118,10 +119,10 @@ class Trial:
         `ticks` is room for the first ticks, of all columns.
         """
         n, columns = len(self.origins_m), self._state.bodies.shape[1]
-        samples = new_samples(periods, columns)
-        noise = np.zeros((periods, columns, 2))
+        samples = new_samples(periods, columns, *self._sizes)
+        noise = np.zeros((periods, columns, self._sizes[0]))
         noise[:, :n] = self._noise.draw(periods)
-        raw = new_raw_samples(0, columns) if ticks is None else ticks
+        raw = new_raw_samples(0, columns, *self._sizes) if ticks is None else ticks
         self._driver.advance(self._plant, self._state, noise, samples, raw)
         self._tick += periods * self._config.ticks_per_period
         return Samples(*(signal[:, :n] for signal in samples))
@@ -135,7 +136,8 @@ def trial_in_world(
     sight: np.ndarray | None = None,
 ) -> Trial:
     """Return a trial with motors and slope drawn from the configuration's world."""
-    drawn = draw_world(config.world, config.motor, len(headings_rad), seed)
+    motors = motors_of(config.robot, config.motor)
+    drawn = draw_world(config.world, motors, len(headings_rad), seed)
     slope = gravity(config.world, drawn, config.motor.g, config.portable)
     return Trial(motor_fmu, config, headings_rad, seed, drawn.motors, slope, sight)
 

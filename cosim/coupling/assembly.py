@@ -15,14 +15,21 @@ from cosim.fmi.calls import FMI_ERROR, Addresses, Calls
 from cosim.fmi.fmu import FmuError
 from cosim.fmi.motor import INPUTS, PHASE, SAMPLED, Motor, MotorFmu
 from cosim.model.config import CoSimConfig, whole_ratio
-from cosim.model.params import SHIELD, TABLE_II, MotorParams, open_loop_voltage
+from cosim.model.params import (
+    SHIELD,
+    TABLE_II,
+    MotorParams,
+    motor_names,
+    motors_of,
+    mounts_of,
+    open_loop_voltage,
+)
 from cosim.model.world import generator
 from cosim.physics.collision import FASTEST_M_S, PairParams
-from cosim.physics.forces import motor_mounts
+from cosim.physics.contact import paired
+from cosim.physics.forces import level_share, motor_mounts
 from cosim.physics.properties import body_params, properties_of
 from cosim.physics.rotation import Vector
-
-MOTOR_NAMES = ("D", "E")
 
 
 def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Plant:
@@ -30,13 +37,15 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
     steering = config.steering
     if "heading" in config.open_loop:
         steering = steering._replace(max_difference_rad_s=0.0, turn_again_rad=math.inf)
-    mount_d, mount_e = motor_mounts(config.robot, config.motor)
+    robot = config.robot
+    mounts = motor_mounts(robot, motors_of(robot, config.motor))
+    motors = paired([mount.place_m[:2] for mount in mounts_of(robot)])
     volts_per_speed, friction_volts = open_loop_voltage(config.motor)
     return Plant(
         robots=robots,
         body=body_params(config.robot, config.motor, config.timing.dt_s),
-        mount_d=mount_d,
-        mount_e=mount_e,
+        motors=motors,
+        mounts=tuple(mounts[k] for k in motors.order),
         steering=steering,
         estimator=config.estimator,
         shield=config.shield or SHIELD,
@@ -60,21 +69,20 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
 def robot_properties(
     config: CoSimConfig,
     gravity: Vector | None = None,
-    motors: tuple[MotorParams, MotorParams] | None = None,
+    motors: Sequence[MotorParams] | None = None,
 ) -> np.ndarray:
     """Return a robot's column of `State.properties`; gravity (m/s²) in the frame of the floor."""
-    motor_d, motor_e = motors or (config.motor, config.motor)
     robot, dt_s = config.robot, config.timing.dt_s
+    motors = motors or motors_of(robot, config.motor)
     return properties_of(
         body_params(robot, config.motor, dt_s, gravity=gravity, world=config.world),
-        motor_mounts(robot, motor_d)[0],
-        motor_mounts(robot, motor_e)[1],
+        motor_mounts(robot, motors),
     )
 
 
 def check_motors(fmu: MotorFmu, config: CoSimConfig, robots: int) -> None:
     """Refuse an FMU without a capability that a run of some robots needs."""
-    motors, can = robots * len(MOTOR_NAMES), fmu.interface
+    motors, can = robots * config.robot.motors_count, fmu.interface
     if motors > 1 and can.canBeInstantiatedOnlyOncePerProcess:
         raise fmu.refusal(
             f"has canBeInstantiatedOnlyOncePerProcess, and {motors} motors are needed at once; "
@@ -109,8 +117,9 @@ def _differences(motor: MotorParams, usual: MotorParams) -> dict[str, float]:
 class Motors:
     """The motors of all robots: an FMU instance each, or one instance with all of them as arrays.
 
-    Signals are arrays (6, B), or (8, B), see `cosim.coupling.signals.State`. No motor is there
-    before its robot's first `restart`. An FMU that fails raises an FmuError with instance and time.
+    Signals are arrays (3 M, B), or (4 M, B), of M motors of each robot, see
+    `cosim.coupling.signals.State`. No motor is there before its robot's first `restart`. An FMU
+    that fails raises an FmuError with instance and time.
     """
 
     def __init__(
@@ -130,13 +139,16 @@ class Motors:
         self._parameters = _differences(config.motor, own) | dict(config.motor_parameters)
         count = config.ticks_per_period // config.ticks_per_step
         self._sampling = (count, config.timing.communication_step_s) if sampled else None
-        self._instances: list[Motor | None] = [None] * (1 if fmu.arrays else 2 * columns)
-        self._runs = np.zeros(2 * columns, dtype=np.int64)  # of every motor, D before E
-        # Usual and present values (2, B) of the parameters that some motor of the arrays has had
+        self._motors = motors = config.robot.motors_count
+        self._level = [level_share(mount.axis) for mount in mounts_of(config.robot)]
+        self._instances: list[Motor | None] = [None] * (1 if fmu.arrays else motors * columns)
+        self._runs = np.zeros(motors * columns, dtype=np.int64)  # of all first motors, and so on
+        # Usual and present values (M, B) of the parameters that some motor of the arrays has had
         # for itself.
         self._own: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._start = np.zeros(0)  # of an instance of arrays, see `restart`
         self.calls = Calls(
+            motors,
             np.zeros(len(self._instances), dtype=np.int64),
             np.zeros(len(self._instances), dtype=np.int64),
             np.zeros(max(len(INPUTS), len(fmu.electrical))),
@@ -157,39 +169,44 @@ class Motors:
     def restart(
         self,
         columns: Sequence[int],
-        parameters: Sequence[tuple[MotorParams, MotorParams]],
+        parameters: Sequence[tuple[MotorParams, ...]],
         phases: np.ndarray | None = None,
     ) -> np.ndarray:
         """Bring the motors of an episode's robots to their start, in the order of the robots.
 
-        Returns theta and omega there, (4, robots).
+        Returns theta and omega there, (2 M, robots).
 
         Args:
-            parameters: of each robot's motors D and E. One that is the configuration's leaves an
-                FMU what it began with.
-            phases: (robots, 2) rad at which motors D and E begin; NaN, and by default all, as the
+            parameters: of each robot's motors. One that is the configuration's leaves an FMU what
+                it began with.
+            phases: (robots, M) rad at which motors begin; NaN, and by default all, as the
                 FMU says.
         """
         if phases is None:
-            phases = np.full((len(columns), len(MOTOR_NAMES)), np.nan)
-        start = np.zeros((2, len(MOTOR_NAMES), len(columns)))
+            phases = np.full((len(columns), self._motors), np.nan)
+        start = np.zeros((2, self._motors, len(columns)))
+        felt = [
+            [own._replace(g=level * own.g) for level, own in zip(self._level, motors, strict=True)]
+            for motors in parameters
+        ]
         if self._fmu.arrays:
-            motors = self._instances[0] or self._put(0, "motors", {}, len(self._runs))
+            instance = self._instances[0] or self._put(0, "motors", {}, len(self._runs))
             start[:] = self._start[:, :, columns]
             for name in MotorParams._fields:
-                values = np.array([[getattr(p, name) for p in pair] for pair in parameters]).T
-                self._tune(motors, columns, name, values, values == getattr(self._usual, name))
-            self._tune(motors, columns, PHASE, phases.T, np.isnan(phases.T))
-            self._runs.reshape(len(MOTOR_NAMES), -1)[:, columns] += 1
-            motors.restart(self._runs)
+                values = np.array([[getattr(p, name) for p in motors] for motors in felt]).T
+                self._tune(instance, columns, name, values, values == getattr(self._usual, name))
+            self._tune(instance, columns, PHASE, phases.T, np.isnan(phases.T))
+            self._runs.reshape(self._motors, -1)[:, columns] += 1
+            instance.restart(self._runs)
             start[0] = np.where(np.isnan(phases.T), start[0], phases.T)
             return start.reshape(-1, len(columns))
-        for robot, (column, pair) in enumerate(zip(columns, parameters, strict=True)):
-            for motor, (name, own) in enumerate(zip(MOTOR_NAMES, pair, strict=True)):
+        names = motor_names(self._motors)
+        for robot, (column, motors) in enumerate(zip(columns, felt, strict=True)):
+            for motor, (name, own) in enumerate(zip(names, motors, strict=True)):
                 values = _differences(own, self._usual)
                 if not math.isnan(phase := float(phases[robot, motor])):
                     values[PHASE] = phase
-                instance = self._put(2 * column + motor, f"r{robot + 1}.{name}", values)
+                instance = self._put(self._motors * column + motor, f"r{robot + 1}.{name}", values)
                 start[:, motor, robot] = instance.get(self._fmu.outputs)[:2]
         return start.reshape(-1, len(columns))
 
@@ -201,12 +218,12 @@ class Motors:
         values: np.ndarray,
         at_usual: np.ndarray,
     ) -> None:
-        """Give some columns' motors their values (2, columns) of a parameter, or the usual ones."""
+        """Give some columns' motors their values (M, columns) of a parameter, or the usual ones."""
         if name not in self._own:
             if at_usual.all():
                 return
             found = motors.get([self._fmu.parameter(name, tunable=True)])
-            usual = np.reshape(found, (len(MOTOR_NAMES), -1))
+            usual = np.reshape(found, (self._motors, -1))
             self._own[name] = usual, usual.copy()
         usual, present = self._own[name]
         values = np.where(at_usual, usual[:, columns], values)
@@ -225,34 +242,35 @@ class Motors:
         self.calls.instances[place], self.calls.ticks[place] = motor.address, 0
         self.calls = self.calls._replace(functions=motor.functions)
         if self._fmu.arrays:
-            self._start = np.reshape(motor.get(self._fmu.outputs), (3, len(MOTOR_NAMES), -1))[:2]
+            self._start = np.reshape(motor.get(self._fmu.outputs), (3, self._motors, -1))[:2]
         return motor
 
     def set_inputs(self, signals: np.ndarray, dt_s: float) -> None:
-        """Set INPUTS from (6, B) values."""
+        """Set INPUTS from (3 M, B) values."""
         for motor, values, time_s in self._each(signals, len(INPUTS), dt_s):
             motor.set(self._fmu.inputs, values.reshape(-1), time_s)
 
     def get_outputs(self, signals: np.ndarray, dt_s: float) -> None:
-        """Write OUTPUTS to (6, B)."""
+        """Write OUTPUTS to (3 M, B)."""
         self._get(self._fmu.outputs, signals, dt_s)
 
     def get_electrical(self, signals: np.ndarray, dt_s: float) -> None:
-        """Write ELECTRICAL and LOOP to (8, B)."""
+        """Write ELECTRICAL and LOOP to (4 M, B)."""
         self._get(self._fmu.electrical, signals, dt_s)
 
     def _get(self, references: np.ndarray, signals: np.ndarray, dt_s: float) -> None:
         count = len(references)
-        for motor, values, time_s in self._each(signals[: 2 * count], count, dt_s):
+        for motor, values, time_s in self._each(signals[: self._motors * count], count, dt_s):
             values[:] = np.reshape(motor.get(references, time_s), values.shape)
 
     def _each(
         self, signals: np.ndarray, count: int, dt_s: float
     ) -> Iterator[tuple[Motor, np.ndarray, float]]:
         """Every instance with its part (count, motors of it) of the signals, and its time in s."""
-        by_motor = signals.reshape(count, len(MOTOR_NAMES), -1)
+        by_motor, motors = signals.reshape(count, self._motors, -1), self._motors
         for place, motor in self._running():
-            mine = by_motor if self._fmu.arrays else by_motor[:, place % 2, place // 2, None]
+            own = by_motor[:, place % motors, place // motors, None]
+            mine = by_motor if self._fmu.arrays else own
             yield motor, mine, int(self.calls.ticks[place]) * dt_s
 
     def _running(self) -> Iterator[tuple[int, Motor]]:
@@ -303,14 +321,15 @@ class SpeedNoise:
 
     def __init__(self, config: CoSimConfig, seed: np.random.SeedSequence, robots: int) -> None:
         """Give every motor a generator with a child of the seed."""
-        children = range(robots * len(MOTOR_NAMES))
+        self._motors = config.robot.motors_count
+        children = range(robots * self._motors)
         self._generators = [generator(seed, child) for child in children]
         self._amplitude = config.noise.relative_amplitude
         self._hold = round(config.noise.hold_s / config.timing.control_period_s)
         self._held = np.empty((0, len(children)))  # periods that the last values have left
 
     def draw(self, periods: int) -> np.ndarray:
-        """Return the noise of the next control periods, shape (periods, N, 2)."""
+        """Return the noise of the next control periods, shape (periods, N, M)."""
         draws = max(0, math.ceil((periods - len(self._held)) / self._hold))
         values = np.empty((len(self._generators), draws))
         for rng, row in zip(self._generators, values, strict=True):
@@ -318,4 +337,4 @@ class SpeedNoise:
         values = (2.0 * values - 1.0) * self._amplitude
         noise = np.concatenate([self._held, np.repeat(values.T, self._hold, axis=0)])
         self._held = noise[periods:].copy()
-        return noise[:periods].reshape(periods, -1, len(MOTOR_NAMES))
+        return noise[:periods].reshape(periods, -1, self._motors)

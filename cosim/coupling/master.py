@@ -23,7 +23,7 @@ from cosim.base.jit import interrupts_held, kernel
 from cosim.coupling.assembly import Motors
 from cosim.coupling.period import begin_period, end_period, restore_ended, sample_tick
 from cosim.coupling.plant import Plant, begin_step, push_bodies, react, step_robots
-from cosim.coupling.signals import SIGNALS, RawSamples, Samples, State, aligned
+from cosim.coupling.signals import RawSamples, Samples, State, aligned, signal_names, sizes_of
 from cosim.fmi.calls import (
     FMI_OK,
     FMI_WARNING,
@@ -37,6 +37,7 @@ from cosim.fmi.calls import (
     step_period,
     take_sampled,
 )
+from cosim.model.params import motor_names
 from cosim.physics.lanes import Width, width_of
 
 _ONE = width_of(1)
@@ -50,7 +51,9 @@ class NotFiniteError(UserError):
         values = np.concatenate([state.inputs, state.outputs, state.bodies])
         size = np.nan_to_num(np.abs(values), nan=np.inf, posinf=np.inf)
         row, self.column = map(int, np.unravel_index(size.argmax(), size.shape))
-        self.signal, self.tick, self.value = SIGNALS[row], tick, values[row, self.column]
+        motors, feet = sizes_of(state)
+        names = signal_names(motor_names(motors), feet)
+        self.signal, self.tick, self.value = names[row], tick, values[row, self.column]
         robot = self.column + 1
         super().__init__(f"{self.signal} of robot {robot} is {self.value} after tick {tick}")
 
@@ -245,7 +248,12 @@ def run_periods(
                         # vectors at once. No motor sees a body before the next step, so order is
                         # free.
                         status, instance = step_motors(
-                            calls, state.outputs, 2 * column, 2 * (column + lanes), count, dt
+                            calls,
+                            state.outputs,
+                            calls.motors * column,
+                            calls.motors * (column + lanes),
+                            count,
+                            dt,
                         )
                         if status > FMI_WARNING:
                             return status, instance

@@ -12,12 +12,12 @@ from cosim.base.jit import inlined
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import (
     AIRBORNE,
-    FEET,
-    FRICTION,
+    FOOT,
+    FRICTION_X,
+    FRICTION_Y,
     IMPACT,
     LANDING,
     LIFTED,
-    MOTORS,
     NORMAL,
     SLIPPING,
     RawSamples,
@@ -29,7 +29,18 @@ from cosim.onboard.camera import INTERVAL, update_estimate
 from cosim.onboard.estimation import COVARIANCE, POSE, take_command
 from cosim.onboard.shield import Ground, guard
 from cosim.onboard.steering import HEADING_ERROR, MODE, SPEED, YAW_RATE, steer
-from cosim.physics.body_state import FRICTIONS, NORMALS, Q_W, V_X, W_Z, X, Y, Z, orientation_of
+from cosim.physics.body_state import (
+    NORMALS,
+    Q_W,
+    V_X,
+    W_Z,
+    X,
+    Y,
+    Z,
+    feet_of_bodies,
+    frictions,
+    orientation_of,
+)
 from cosim.physics.collision import find_near_obstacles, find_near_pairs
 from cosim.physics.neighbours import FOUND, Grid, find_near, list_by_cells
 from cosim.physics.properties import feel_patches
@@ -40,13 +51,14 @@ from cosim.physics.rotation import heading
 def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> None:
     """Steer every robot and put the motors' inputs in place; those of ended episodes stop.
 
-    `noise` is (B, 2), speed measurement noise of this period over each motor's set point.
+    `noise` is (B, motors), speed measurement noise of this period over each motor's set point.
     """
     period_s = plant.ticks_per_period * plant.body.dt
-    robots, columns = plant.robots, state.bodies.shape[1]
-    for row in range(LANDING):
-        for column in range(columns):
-            state.statistics[row, column] = 0.0
+    robots, columns, motors = plant.robots, state.bodies.shape[1], state.set_points.shape[0]
+    for row in range(state.statistics.shape[0]):
+        if row < NORMAL or (row - LANDING) % FOOT != 0:  # whether a foot lands outlasts the period
+            for column in range(columns):
+                state.statistics[row, column] = 0.0
     for column in range(columns):
         state.touching[column] = 0.0
         state.busy[column] = 0
@@ -82,17 +94,16 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
                 )
         for column in range(first, first + robots):
             if not state.running[episode]:
-                for row in range(2 * MOTORS):
+                for row in range(2 * motors):
                     state.inputs[row, column] = 0.0
-                for motor in range(MOTORS):
+                for motor in range(motors):
                     state.set_points[motor, column] = 0.0
                 continue
-            set_points = _steer(plant, state, column, period_s)
-            for motor in range(MOTORS):
-                omega = set_points[motor]
-                state.set_points[motor, column] = omega
+            _steer(plant, state, column, period_s)
+            for motor in range(motors):
+                omega = state.set_points[motor, column]
                 state.inputs[motor, column] = _motor_input(plant, omega)
-                state.inputs[MOTORS + motor, column] = noise[column, motor] * abs(omega)
+                state.inputs[motors + motor, column] = noise[column, motor] * abs(omega)
             state.busy[column - column % lanes] = 1
             walls = find_near_obstacles(
                 state.bodies, column, state.obstacles[episode], plant.pair, state.near_walls, walls
@@ -135,16 +146,16 @@ def _look(plant: Plant, state: State, column: int) -> None:
 
 
 @inlined
-def _steer(plant: Plant, state: State, column: int, period_s: float) -> tuple[float, float]:
-    """Set points of a robot by where it thinks it is."""
+def _steer(plant: Plant, state: State, column: int, period_s: float) -> None:
+    """Put the set points of a robot in place by where it thinks it is."""
     command, estimate = state.commands[column], state.estimates[column]
     x, y, angle = estimate[POSE], estimate[POSE + 1], estimate[POSE + 2]
     set_points = steer(command, x, y, angle, period_s, plant.steering, plant.portable)
+    state.set_points[0, column], state.set_points[1, column] = set_points
     if state.cameras[column, INTERVAL] > 0.0:
         driven = set_points[0] != 0.0 or set_points[1] != 0.0
         commanded = command[SPEED], command[YAW_RATE], driven
         take_command(estimate, *commanded, period_s, plant.estimator, plant.portable)
-    return set_points
 
 
 @inlined
@@ -154,13 +165,14 @@ def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
         body = state.bodies[:, column]
         for axis in range(3):
             raw.position[row, column, axis] = body[X + axis]
-        for motor in range(MOTORS):
+        motors = state.set_points.shape[0]
+        for motor in range(motors):
             raw.theta[row, column, motor] = state.outputs[motor, column]
-            raw.omega[row, column, motor] = state.outputs[MOTORS + motor, column]
-        for foot in range(FEET):
+            raw.omega[row, column, motor] = state.outputs[motors + motor, column]
+        for foot in range(feet_of_bodies(body)):
             raw.normal[row, column, foot] = body[NORMALS + foot] / plant.body.dt
             for axis in range(2):
-                impulse = body[FRICTIONS + 3 * foot + axis]
+                impulse = body[frictions(body) + 3 * foot + axis]
                 raw.friction[row, column, 2 * foot + axis] = impulse / plant.body.dt
 
 
@@ -230,29 +242,31 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
     ticks = plant.ticks_per_period
     period_s = ticks * plant.body.dt
     body, statistics = state.bodies[:, column], state.statistics[:, column]
-    for motor in range(MOTORS):
+    motors = state.set_points.shape[0]
+    for motor in range(motors):
         samples.theta[row, column, motor] = state.outputs[motor, column]
-        samples.omega[row, column, motor] = state.outputs[MOTORS + motor, column]
+        samples.omega[row, column, motor] = state.outputs[motors + motor, column]
         samples.omega_des[row, column, motor] = state.set_points[motor, column]
-        samples.disturbance[row, column, motor] = state.inputs[2 * MOTORS + motor, column]
+        samples.disturbance[row, column, motor] = state.inputs[2 * motors + motor, column]
         samples.voltage[row, column, motor] = state.electrical[motor, column]
-        samples.current[row, column, motor] = state.electrical[MOTORS + motor, column]
-        samples.command[row, column, motor] = state.electrical[2 * MOTORS + motor, column]
-        samples.integral[row, column, motor] = state.electrical[3 * MOTORS + motor, column]
-        samples.omega_dot[row, column, motor] = state.outputs[2 * MOTORS + motor, column]
-        samples.noise[row, column, motor] = state.inputs[MOTORS + motor, column]
+        samples.current[row, column, motor] = state.electrical[motors + motor, column]
+        samples.command[row, column, motor] = state.electrical[2 * motors + motor, column]
+        samples.integral[row, column, motor] = state.electrical[3 * motors + motor, column]
+        samples.omega_dot[row, column, motor] = state.outputs[2 * motors + motor, column]
+        samples.noise[row, column, motor] = state.inputs[motors + motor, column]
     for axis in range(3):
         samples.position[row, column, axis] = body[X + axis]
         samples.velocity[row, column, axis] = body[V_X + axis]
     for k in range(4):
         samples.quaternion[row, column, k] = body[Q_W + k]
     samples.yaw_rate[row, column] = body[W_Z]
-    for foot in range(FEET):
-        x, y = statistics[FRICTION + 2 * foot], statistics[FRICTION + 2 * foot + 1]
-        samples.normal_mean[row, column, foot] = statistics[NORMAL + foot] / period_s
+    for foot in range(feet_of_bodies(body)):
+        first = FOOT * foot
+        x, y = statistics[first + FRICTION_X], statistics[first + FRICTION_Y]
+        samples.normal_mean[row, column, foot] = statistics[first + NORMAL] / period_s
         samples.friction_mean[row, column, foot] = math.sqrt(x * x + y * y) / period_s
-        samples.impact[row, column, foot] = statistics[IMPACT + foot]
-        samples.slipping_share[row, column, foot] = statistics[SLIPPING + foot] / ticks
+        samples.impact[row, column, foot] = statistics[first + IMPACT]
+        samples.slipping_share[row, column, foot] = statistics[first + SLIPPING] / ticks
     samples.lifted_share[row, column] = statistics[LIFTED] / ticks
     samples.airborne_share[row, column] = statistics[AIRBORNE] / ticks
     samples.heading_error[row, column] = state.commands[column, HEADING_ERROR]

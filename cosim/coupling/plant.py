@@ -10,14 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.jit import inlined
+from cosim.base.jit import inlined, unrolled
 from cosim.coupling.signals import (
     AIRBORNE,
-    FRICTION,
+    FOOT,
+    FRICTION_X,
+    FRICTION_Y,
     IMPACT,
     LANDING,
     LIFTED,
-    MOTORS,
     NORMAL,
     SLIPPING,
     State,
@@ -36,11 +37,11 @@ from cosim.physics.body_state import (
     write_body,
 )
 from cosim.physics.collision import PairParams, push_apart, push_off
-from cosim.physics.contact import Impulse
-from cosim.physics.forces import MotorMount, motor_wrench
+from cosim.physics.contact import Impulse, Pairing
+from cosim.physics.forces import MotorMount, Shaft, motor_wrench
 from cosim.physics.lanes import Width, any_lane, load, select, store, width_of
-from cosim.physics.properties import BodyParams, feet_of, read_mount, read_params
-from cosim.physics.rotation import Vector, dot, rotation_matrix, to_body
+from cosim.physics.properties import BodyParams, read_mount, read_params
+from cosim.physics.rotation import Vector, cross, dot, plus, rotation_matrix, to_body
 from cosim.physics.trig import sine_cosine
 
 # Share of the squared friction limit from which a foot slides; the solver's projection rounds.
@@ -55,9 +56,8 @@ class Plant(NamedTuple):
     robots: int  # of an episode
     # equations of motion; what differs from robot to robot is in `State.properties`
     body: BodyParams
-    # mount_d, mount_e: motors D and E, likewise
-    mount_d: MotorMount
-    mount_e: MotorMount
+    motors: Pairing
+    mounts: tuple[MotorMount, ...]  # of the motors in the order of their pairing, likewise
     steering: SteeringParams  # gains and speeds
     estimator: EstimatorParams  # of every robot
     shield: ShieldParams  # distances that the shield keeps
@@ -98,7 +98,7 @@ def exchanged(
 ) -> tuple[float, float, float]:
     """Output (θ, ω, ω̇) of motors as the bodies see it at the end of a tick of the step.
 
-    The motors are D (0) or E (1) of the robots from `column` on; ticks count from 0.
+    The motors are the first (0) or a later one of the robots from `column` on; ticks count from 0.
     """
     theta, omega, omega_dot = _signals(state.outputs, motor, column, width)
     if plant.ticks_per_step == 1:
@@ -114,11 +114,51 @@ def exchanged(
 
 @inlined
 def _signals(array: np.ndarray, motor: int, column: int, width: Width) -> Vector:
+    motors = array.shape[0] // 3
     return (
         load(array, motor, column, width),
-        load(array, MOTORS + motor, column, width),
-        load(array, 2 * MOTORS + motor, column, width),
+        load(array, motors + motor, column, width),
+        load(array, 2 * motors + motor, column, width),
     )
+
+
+@unrolled
+def _wrenches(
+    pairs: tuple[int, ...],
+    order: tuple[int, ...],
+    mounts: tuple[MotorMount, ...],
+    plant: Plant,
+    state: State,
+    column: int,
+    tick: int,
+    width: Width,
+) -> tuple[Vector, Vector]:
+    """Sum of what motors do to the bodies, in pairs of mirror images and then one by one."""
+    if len(order) == 0:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    force, moment = _wrench(order[0], mounts[0], plant, state, column, tick, width)
+    if len(pairs) > 0:
+        f, m = _wrench(order[1], mounts[1], plant, state, column, tick, width)
+        force, moment = plus(force, 1.0, f), plus(moment, 1.0, m)
+        f, m = _wrenches(pairs[1:], order[2:], mounts[2:], plant, state, column, tick, width)
+    else:
+        f, m = _wrenches(pairs, order[1:], mounts[1:], plant, state, column, tick, width)
+    return plus(force, 1.0, f), plus(moment, 1.0, m)
+
+
+@inlined
+def _wrench(
+    motor: int,
+    common: MotorMount,
+    plant: Plant,
+    state: State,
+    column: int,
+    tick: int,
+    width: Width,
+) -> tuple[Vector, Vector]:
+    theta, omega, omega_dot = exchanged(plant, state, motor, column, tick, width)
+    mount = read_mount(state.properties, motor, len(plant.mounts), column, width, common)
+    return motor_wrench(mount, mount.shaft, theta, omega, omega_dot)
 
 
 @inlined
@@ -127,28 +167,39 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
 
     Returns whether all of them have a finite place and velocity.
     """
-    theta_d, omega_d, omega_dot_d = exchanged(plant, state, 0, column, tick, width)
-    theta_e, omega_e, omega_dot_e = exchanged(plant, state, 1, column, tick, width)
-    params = read_params(state.properties, column, width, plant.body, feet_of(plant.body))
-    mount_d = read_mount(state.properties, 0, column, width, plant.mount_d)
-    mount_e = read_mount(state.properties, 1, column, width, plant.mount_e)
-    d = motor_wrench(mount_d, theta_d, omega_d, omega_dot_d)
-    e = motor_wrench(mount_e, theta_e, omega_e, omega_dot_e)
-    force = (d[0] + e[0], 0.0, d[1] + e[1])
-    moment = (d[2] + e[2], d[3] + e[3], d[4] + e[4])
-    before = read_body(state.bodies, column, width)
+    motors, contact = plant.motors, plant.body.contact
+    force, moment = _wrenches(
+        motors.pairs, motors.order, plant.mounts, plant, state, column, tick, width
+    )
+    params = read_params(state.properties, column, width, plant.body, contact.feet, contact.z)
+    order = contact.pairing.order
+    before = read_body(state.bodies, column, width, order)
     body = stepped(before, params, force, moment)
-    write_body(state.bodies, column, width, body)
-    statistics, mu = state.statistics, params.contact.mu
-    lifted_a = _watch_foot(statistics, 0, column, width, before.at_a, body.at_a, mu[0])
-    lifted_b = _watch_foot(statistics, 1, column, width, before.at_b, body.at_b, mu[1])
-    lifted_c = _watch_foot(statistics, 2, column, width, before.at_c, body.at_c, mu[2])
-    lifted = lifted_a + lifted_b + lifted_c
+    write_body(state.bodies, column, width, order, body)
+    statistics = state.statistics
+    lifted = _watch_feet(statistics, order, column, width, before.at, body.at, params.contact.mu)
     _count(statistics, LIFTED, column, width, lifted > 0.0)
-    _count(statistics, AIRBORNE, column, width, lifted > 2.0)
+    _count(statistics, AIRBORNE, column, width, lifted > len(order) - 0.5)
     (x, y, z), (vx, vy, vz), (wx, wy, wz) = body.position, body.velocity, body.omega
     sum_of_all = x + y + z + vx + vy + vz + wx + wy + wz
     return not any_lane(select(abs(sum_of_all) <= _LARGEST, 0.0, 1.0) > 0.0)
+
+
+@unrolled
+def _watch_feet(
+    statistics: np.ndarray,
+    order: tuple[int, ...],
+    column: int,
+    width: Width,
+    before: tuple[Impulse, ...],
+    at: tuple[Impulse, ...],
+    mu: tuple[float, ...],
+) -> float:
+    """Note the impulses of feet, of the last tick and of this one; how many carry nothing."""
+    if len(order) == 0:
+        return 0.0
+    lifted = _watch_foot(statistics, order[0], column, width, before[0], at[0], mu[0])
+    return lifted + _watch_feet(statistics, order[1:], column, width, before[1:], at[1:], mu[1:])
 
 
 @inlined
@@ -162,18 +213,18 @@ def _watch_foot(
     mu: float,
 ) -> float:
     """Note a foot's impulses, of the last tick and of this one; 1.0 if it carries nothing."""
-    normal, friction = impulse[0], dot(impulse[1], impulse[1])
-    _add(statistics, NORMAL + foot, column, width, normal)
-    _add(statistics, FRICTION + 2 * foot, column, width, impulse[1][0])
-    _add(statistics, FRICTION + 2 * foot + 1, column, width, impulse[1][1])
+    normal, friction, row = impulse[0], dot(impulse[1], impulse[1]), FOOT * foot
+    _add(statistics, row + NORMAL, column, width, normal)
+    _add(statistics, row + FRICTION_X, column, width, impulse[1][0])
+    _add(statistics, row + FRICTION_Y, column, width, impulse[1][1])
     limit = mu * normal
     carries = normal > 0.0
     lands = select(carries & (before[0] <= 0.0), 1.0, 0.0)
-    stops = load(statistics, LANDING + foot, column, width)
-    _add(statistics, IMPACT + foot, column, width, select(lands + stops > 0.0, normal, 0.0))
-    store(statistics, LANDING + foot, column, width, lands)
+    stops = load(statistics, row + LANDING, column, width)
+    _add(statistics, row + IMPACT, column, width, select(lands + stops > 0.0, normal, 0.0))
+    store(statistics, row + LANDING, column, width, lands)
     slides = carries & (friction >= AT_LIMIT * limit * limit)
-    _count(statistics, SLIPPING + foot, column, width, slides)
+    _count(statistics, row + SLIPPING, column, width, slides)
     return select(carries, 0.0, 1.0)
 
 
@@ -223,7 +274,8 @@ def react(plant: Plant, state: State) -> None:
     acceleration a of the motor's mount, averaged over the communication step. Eq. (13) has only
     the weight's, which is the same with a = (0, 0, g).
     """
-    rate = 1.0 / (plant.ticks_per_step * plant.body.dt)
+    rate, contact = 1.0 / (plant.ticks_per_step * plant.body.dt), plant.body.contact
+    motors = len(plant.mounts)
     for column in range(state.bodies.shape[1]):
         body, held = state.bodies[:, column], state.held_velocities[:, column]
         matrix = rotation_matrix(orientation_of(body))
@@ -233,14 +285,38 @@ def react(plant: Plant, state: State) -> None:
             (body[V_Z] - held[2]) * rate,
         )
         wx, wy, wz = body[W_X] - held[3], body[W_Y] - held[4], body[W_Z] - held[5]
-        params = read_params(state.properties, column, _ONE, plant.body, feet_of(plant.body))
+        params = read_params(state.properties, column, _ONE, plant.body, contact.feet, contact.z)
+        spin = (wx, wy, wz)
         turn = (rate * wx, rate * wy, rate * wz)
-        ax, _, az = at_axis(to_body(matrix, change), turn, params)
-        for motor in range(MOTORS):
-            common = plant.mount_d if motor == 0 else plant.mount_e
-            mount = read_mount(state.properties, motor, column, _ONE, common)
-            s, c = sine_cosine(state.outputs[motor, column])
-            mount_x = ax + rate * (wy * mount.z - wz * mount.y)
-            mount_z = az + rate * wx * mount.y
-            torque = mount.m * mount.r * (mount.sin_phi * c * mount_x - s * mount_z)
-            state.inputs[2 * MOTORS + motor, column] = torque
+        along = at_axis(to_body(matrix, change), turn, params)
+        for k in range(motors):
+            motor = plant.motors.order[k]
+            mount = read_mount(state.properties, motor, motors, column, _ONE, plant.mounts[k])
+            angle = state.outputs[motor, column]
+            torque = _reaction(mount, mount.shaft, angle, along, spin, rate)
+            state.inputs[2 * motors + motor, column] = torque
+
+
+@unrolled
+def _reaction(
+    mount: MotorMount,
+    shaft: tuple[Shaft, ...],
+    theta: float,
+    along: Vector,
+    spin: Vector,
+    rate: float,
+) -> float:
+    """Torque in N m on an eccentric mass by the acceleration of its mount.
+
+    Args:
+        along: acceleration of the robot's axis, body frame, m/s².
+        spin: change of the angular velocity in 1/rate, body frame, rad/s.
+    """
+    s, c = sine_cosine(theta)
+    if len(shaft) == 0:
+        mount_x = along[0] + rate * (spin[1] * mount.z - spin[2] * mount.y)
+        mount_z = along[2] + rate * spin[0] * mount.y
+        return mount.m * mount.r * (mount.sin_phi * c * mount_x - s * mount_z)
+    own = shaft[0]
+    at_mount = plus(along, rate, cross(spin, (own.x, mount.y, mount.z)))
+    return mount.m * mount.r * (s * dot(at_mount, own.hanging) - c * dot(at_mount, own.ahead))

@@ -12,39 +12,36 @@ from cosim.onboard.camera import CAMERA_SIZE, FRAME_SIZE, NOISE
 from cosim.onboard.estimation import ESTIMATE_SIZE
 from cosim.onboard.shield import SHIELD_SIZE
 from cosim.onboard.steering import COMMAND_SIZE
-from cosim.physics.body_state import BODY_SIGNALS, QUATERNION, STATE_SIZE
+from cosim.physics.body_state import QUATERNION, body_signals, feet_of_bodies, state_size
 from cosim.physics.neighbours import LISTS
-from cosim.physics.properties import PROPERTIES
+from cosim.physics.properties import properties_size
 
 _LINE = 8  # float64 of a cache line, and most lanes of a vector
 _MANY_COLUMNS = 128
-MOTORS = 2  # D, E
-FEET = 3  # A, B, C
 
 
-def _of_motors(*names: str) -> tuple[str, ...]:
-    return tuple(f"{name} of motor {motor}" for name in names for motor in "DE")
+def signal_names(motors: str, feet: int) -> tuple[str, ...]:
+    """Names of the rows of inputs, outputs and bodies, see `State`, of robots with named motors."""
+    of_motors = "the set point", "the speed noise", "the torque d", "theta", "omega", "omega_dot"
+    return (
+        *(f"{name} of motor {motor}" for name in of_motors for motor in motors),
+        *(f"the {name}" for name, size in body_signals(feet) for _ in range(size)),
+    )
 
 
-# Names of the rows of inputs, outputs and bodies, see `State`.
-SIGNALS = (
-    *_of_motors("the set point", "the speed noise", "the torque d"),
-    *_of_motors("theta", "omega", "omega_dot"),
-    *(f"the {name}" for name, size in BODY_SIGNALS for _ in range(size)),
-)
-
-# Rows of the statistics of a control period, see `State.statistics`.
-NORMAL, IMPACT, SLIPPING, FRICTION = 0, FEET, 2 * FEET, 3 * FEET  # of feet A, B, C each
-LIFTED, AIRBORNE = 5 * FEET, 5 * FEET + 1
-LANDING = AIRBORNE + 1  # rows from here on outlast the period
-STATISTICS = LANDING + FEET
+# Rows of the statistics of a control period, see `State.statistics`: of the robot, then of each
+# foot at `FOOT * k` from the first ones.
+LIFTED, AIRBORNE = 0, 1
+NORMAL, IMPACT, SLIPPING, FRICTION_X, FRICTION_Y, LANDING = range(2, 8)
+FOOT = 6
 
 
 class State(NamedTuple):
     """Variables of K episodes of N robots each; float64 unless said otherwise.
 
     Robot r of episode e has column e N + r of B; columns beyond are idle, so that B is a whole
-    number of vectors. Rows that motors have are those of D, then of E, one signal after the other.
+    number of vectors. Rows that motors have are those of D, E and so on, one signal after the
+    other.
     Annotations give the shape; a size of 0 grows by `with_room`.
     """
 
@@ -53,23 +50,23 @@ class State(NamedTuple):
     cameras: Annotated[np.ndarray, "B", CAMERA_SIZE]  # layout in cosim.onboard.camera
     frames: Annotated[np.ndarray, "B", 0, FRAME_SIZE]  # of the camera, under way
     sight: Annotated[np.ndarray, 0, "B", NOISE]  # what the camera makes of robots in next frames
-    bodies: Annotated[np.ndarray, STATE_SIZE, "B"]  # layout in cosim.physics.body_state
-    properties: Annotated[np.ndarray, PROPERTIES, "B"]  # layout in cosim.physics.properties
+    bodies: Annotated[np.ndarray, "body", "B"]  # layout in cosim.physics.body_state
+    properties: Annotated[np.ndarray, "properties", "B"]  # layout in cosim.physics.properties
     commands: Annotated[np.ndarray, "B", COMMAND_SIZE]  # layout in cosim.onboard.steering
     shields: Annotated[np.ndarray, "B", SHIELD_SIZE]  # layout in cosim.onboard.shield
-    set_points: Annotated[np.ndarray, MOTORS, "B"]  # motor speeds that the steering asks for
+    set_points: Annotated[np.ndarray, "motors", "B"]  # motor speeds that the steering asks for
     # omega_des (or V_in where motors are in open loop), omega_noise, d
-    inputs: Annotated[np.ndarray, 3 * MOTORS, "B"]
-    outputs: Annotated[np.ndarray, 3 * MOTORS, "B"]  # theta, omega, omega_dot
-    held: Annotated[np.ndarray, 3 * MOTORS, "B"]  # outputs at the start of the communication step
+    inputs: Annotated[np.ndarray, "3 motors", "B"]
+    outputs: Annotated[np.ndarray, "3 motors", "B"]  # theta, omega, omega_dot
+    held: Annotated[np.ndarray, "3 motors", "B"]  # outputs at the start of the communication step
     held_velocities: Annotated[np.ndarray, 6, "B"]  # (world) and angular (body) at that time
-    electrical: Annotated[np.ndarray, 4 * MOTORS, "B"]  # V_s, i, u, integral; NaN without them
-    # Of this control period: of each foot the sum of normal impulses in N s, the part of it in
-    # impacts, ticks in which it slid, and the sums of friction impulses along x and y of the body;
-    # ticks in which a foot carried nothing, and in which no foot carried anything; whether a foot
-    # landed in this tick. A foot that lands closes its gap in one tick and stops in the next: an
-    # impact is both
-    statistics: Annotated[np.ndarray, STATISTICS, "B"]
+    electrical: Annotated[np.ndarray, "4 motors", "B"]  # V_s, i, u, integral; NaN without them
+    # Of this control period: ticks in which a foot carried nothing, and in which no foot carried
+    # anything; of each foot the sum of normal impulses in N s, the part of it in impacts, ticks in
+    # which it slid, the sums of friction impulses along x and y of the body, and whether it landed
+    # in this tick. A foot that lands closes its gap in one tick and stops in the next: an impact is
+    # both
+    statistics: Annotated[np.ndarray, "statistics", "B"]
     touching: Annotated[np.ndarray, "B"]  # ticks of this period with a robot or obstacle touched
     touched: Annotated[np.ndarray, "B", np.int64]  # whether that is so in this tick
     near: Annotated[np.ndarray, "pairs", 2, np.int64]  # columns that may touch in this period
@@ -85,7 +82,7 @@ class State(NamedTuple):
     periods: Annotated[np.ndarray, "K", np.int64]  # control periods that it did in this advance
     # What became of each robot in its last period, see `cosim.model.outcome`
     events: Annotated[np.ndarray, "B", np.int64]
-    ended: Annotated[np.ndarray, STATE_SIZE, "B"]  # bodies of ended episodes, as they were then
+    ended: Annotated[np.ndarray, "body", "B"]  # bodies of ended episodes, as they were then
     boards: Annotated[np.ndarray, "K", 2]  # extent of the board in m, its corner at the origin
     margins_m: Annotated[np.ndarray, "K"]  # of the board's edge, where the shield keeps robots off
     cells_m: Annotated[np.ndarray, "K"]  # edge of the board's cells
@@ -104,30 +101,30 @@ class State(NamedTuple):
 class Samples(NamedTuple):
     """Signals at the end of each of n control periods; float64, SI units.
 
-    Arrays are (n, N) and an axis of the annotated size, if any: motors D and E, or feet A, B, C. N
+    Arrays are (n, N) and an axis of the annotated size, if any: motors D, E …, or feet A, B, C …. N
     is the number of robots of an episode, or of the columns of a state.
     """
 
-    omega: Annotated[np.ndarray, MOTORS]
-    omega_des: Annotated[np.ndarray, MOTORS]
-    theta: Annotated[np.ndarray, MOTORS]
-    voltage: Annotated[np.ndarray, MOTORS]
-    current: Annotated[np.ndarray, MOTORS]
-    omega_dot: Annotated[np.ndarray, MOTORS]
-    noise: Annotated[np.ndarray, MOTORS]  # in the measured speed, rad/s
-    command: Annotated[np.ndarray, MOTORS]  # u of Eq. (14) before saturation; NaN if not known
-    integral: Annotated[np.ndarray, MOTORS]  # of the speed error in the controller; likewise
-    disturbance: Annotated[np.ndarray, MOTORS]  # torque of input d
+    omega: Annotated[np.ndarray, "motors"]
+    omega_des: Annotated[np.ndarray, "motors"]
+    theta: Annotated[np.ndarray, "motors"]
+    voltage: Annotated[np.ndarray, "motors"]
+    current: Annotated[np.ndarray, "motors"]
+    omega_dot: Annotated[np.ndarray, "motors"]
+    noise: Annotated[np.ndarray, "motors"]  # in the measured speed, rad/s
+    command: Annotated[np.ndarray, "motors"]  # u of Eq. (14) before saturation; NaN if not known
+    integral: Annotated[np.ndarray, "motors"]  # of the speed error in the controller; likewise
+    disturbance: Annotated[np.ndarray, "motors"]  # torque of input d
     position: Annotated[np.ndarray, 3]  # centre of mass in the world
     quaternion: Annotated[np.ndarray, 4]  # world from body, (w, x, y, z)
     velocity: Annotated[np.ndarray, 3]  # in the world
     yaw_rate: Annotated[np.ndarray, None]
     # normal_mean, friction_mean: forces over the period; friction is the size of the mean vector
-    normal_mean: Annotated[np.ndarray, FEET]
-    friction_mean: Annotated[np.ndarray, FEET]
-    impact: Annotated[np.ndarray, FEET]  # normal impulse of feet as they landed in the period
+    normal_mean: Annotated[np.ndarray, "feet"]
+    friction_mean: Annotated[np.ndarray, "feet"]
+    impact: Annotated[np.ndarray, "feet"]  # normal impulse of feet as they landed in the period
     # Share of the period in which feet carried weight and friction was at its limit
-    slipping_share: Annotated[np.ndarray, FEET]
+    slipping_share: Annotated[np.ndarray, "feet"]
     lifted_share: Annotated[np.ndarray, None]  # of the period in which a foot carried nothing
     airborne_share: Annotated[np.ndarray, None]  # in which no foot carried anything
     touching_share: Annotated[np.ndarray, None]  # in which a robot or an obstacle was touched
@@ -141,12 +138,12 @@ class Samples(NamedTuple):
 class RawSamples(NamedTuple):
     """Signals at every tick of a short burst of m ticks: (m, N, annotated size), SI units."""
 
-    omega: Annotated[np.ndarray, MOTORS]
-    theta: Annotated[np.ndarray, MOTORS]
+    omega: Annotated[np.ndarray, "motors"]
+    theta: Annotated[np.ndarray, "motors"]
     position: Annotated[np.ndarray, 3]  # of the centre of mass
     # Mean over the tick: of a foot that lands, its impulse divided by dt
-    normal: Annotated[np.ndarray, FEET]
-    friction: Annotated[np.ndarray, 2 * FEET]  # x and y in the body frame of A, B, C
+    normal: Annotated[np.ndarray, "feet"]
+    friction: Annotated[np.ndarray, "2 feet"]  # x and y in the body frame of each foot
 
 
 @functools.cache
@@ -156,12 +153,20 @@ def _annotated(record: type) -> dict[str, tuple[Any, ...]]:
     return {name: hint.__metadata__ for name, hint in hints.items()}
 
 
-def new_state(episodes: int, robots: int, columns: int) -> State:
+def _sizes(motors: int, feet: int) -> dict[Any, Any]:
+    sizes = {"motors": motors, "3 motors": 3 * motors, "4 motors": 4 * motors, "feet": feet}
+    return sizes | {"2 feet": 2 * feet}
+
+
+def new_state(episodes: int, robots: int, columns: int, motors: int = 2, feet: int = 3) -> State:
     """State without running episodes, on endless floors without obstacles, robots without mass."""
-    sizes: dict[Any, Any] = {
+    sizes = _sizes(motors, feet) | {
         "K": episodes,
         "B": columns,
         "pairs": episodes * robots * (robots - 1) // 2,
+        "body": state_size(feet),
+        "properties": properties_size(feet, motors),
+        "statistics": NORMAL + FOOT * feet,
     }
     arrays = []
     for marks in _annotated(State).values():
@@ -221,18 +226,24 @@ def aligned(rows: int, columns: int) -> np.ndarray:
     return memory[first : first + rows * columns].reshape(rows, columns)
 
 
-def _room(record: type[Any], rows: int, robots: int) -> Any:
-    sizes = _annotated(record).values()
+def sizes_of(state: State) -> tuple[int, int]:
+    """Return the numbers of motors and feet of a state's robots."""
+    return state.set_points.shape[0], feet_of_bodies(state.bodies)
+
+
+def _room(record: type[Any], rows: int, robots: int, motors: int, feet: int) -> Any:
+    sizes, axes = _sizes(motors, feet), (mark for (mark,) in _annotated(record).values())
     return record._make(
-        np.zeros((rows, robots) if k is None else (rows, robots, k)) for (k,) in sizes
+        np.zeros((rows, robots) if mark is None else (rows, robots, sizes.get(mark, mark)))
+        for mark in axes
     )
 
 
-def new_samples(periods: int, robots: int) -> Samples:
+def new_samples(periods: int, robots: int, motors: int = 2, feet: int = 3) -> Samples:
     """Room for the samples of `periods` control periods."""
-    return _room(Samples, periods, robots)
+    return _room(Samples, periods, robots, motors, feet)
 
 
-def new_raw_samples(ticks: int, robots: int) -> RawSamples:
+def new_raw_samples(ticks: int, robots: int, motors: int = 2, feet: int = 3) -> RawSamples:
     """Room for a burst of `ticks` ticks."""
-    return _room(RawSamples, ticks, robots)
+    return _room(RawSamples, ticks, robots, motors, feet)

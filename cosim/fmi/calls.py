@@ -3,8 +3,9 @@
 An address is a run-time integer: the code is compiled once for all FMUs and cached on disk, which
 numba refuses for a global ctypes function pointer. Every call returns the fmi3Status.
 
-An instance is one motor, or all motors as arrays. Signals stand in arrays (6, B), see
-`cosim.coupling.signals.State`: motors D of all columns, then motors E, one signal after the other.
+An instance is one motor, or all motors as arrays. Signals stand in arrays (3 M, B), see
+`cosim.coupling.signals.State`: the first of M motors of all columns, then the others, one signal
+after the other.
 FMI has the values of arrays in that order, so an instance of all motors takes and fills them in
 place.
 """
@@ -40,7 +41,8 @@ class Addresses(NamedTuple):
 class Calls(NamedTuple):
     """What compiled code needs to reach the FMUs of all motors."""
 
-    # (I,) int64 addresses: of one instance with all motors; or of those of motors D and E of every
+    motors: int  # M, of every robot
+    # (I,) int64 addresses: of one instance with all motors; or of those of the M motors of every
     # column, 0 where there is none
     instances: np.ndarray
     ticks: np.ndarray  # (I,) int64, ticks of dt that each has done
@@ -51,8 +53,8 @@ class Calls(NamedTuple):
     outputs: np.ndarray
     electrical: np.ndarray
     step_period: int  # address of what steps all motors over a control period; 0 to step them here
-    # (3 · S · 2, B) outputs in that period: of each signal, at the ends of its S communication
-    # steps, of motors D and E
+    # (3 · S · M, B) outputs in that period: of each signal, at the ends of its S communication
+    # steps, of each motor
     sampled: np.ndarray
     sampled_references: np.ndarray  # (3,) value references of them
 
@@ -119,22 +121,22 @@ def exchange_signals(
     instance that failed, if any.
     """
     count, columns = references.shape[0], signals.shape[1]
-    arrays = calls.instances.shape[0] == 1
+    arrays, motors = calls.instances.shape[0] == 1, calls.motors
     for k in range(first, end):
         if calls.instances[k] == 0:
             continue
         if not arrays:
             for signal in range(count):
-                calls.values[signal] = signals[2 * signal + k % 2, k // 2]
+                calls.values[signal] = signals[motors * signal + k % motors, k // motors]
         values = signals.ctypes.data if arrays else calls.values.ctypes.data
-        size = 2 * count * columns if arrays else count
+        size = motors * count * columns if arrays else count
         arguments = (calls.instances[k], references.ctypes.data, count, values, size)
         status = exchange(function, arguments)
         if status > FMI_WARNING:
             return status, k
         if not arrays:
             for signal in range(count):
-                signals[2 * signal + k % 2, k // 2] = calls.values[signal]
+                signals[motors * signal + k % motors, k // motors] = calls.values[signal]
     return FMI_OK, 0
 
 
@@ -178,9 +180,9 @@ def step_period(calls: Calls, signals: np.ndarray) -> int:
 @inlined
 def take_sampled(calls: Calls, signals: np.ndarray, step: int, width: Width) -> None:
     """Put the outputs at the end of a communication step of the period in their place."""
-    sampled, rows = calls.sampled, signals.shape[0]
+    sampled, rows, motors = calls.sampled, signals.shape[0], calls.motors
     steps = sampled.shape[0] // rows
     for row in range(rows):
-        sample = 2 * (row // 2 * steps + step) + row % 2
+        sample = motors * (row // motors * steps + step) + row % motors
         for column in range(0, signals.shape[1], len(width)):
             store(signals, row, column, width, load(sampled, sample, column, width))

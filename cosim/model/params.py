@@ -7,6 +7,7 @@ SI units and radians throughout. Records are NamedTuples because numba kernels r
 """
 
 import math
+import string
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 from msgspec import Meta
@@ -43,6 +44,25 @@ class MotorParams(NamedTuple):
     K_p: Annotated[Amount, Quantity("V.s/rad", "Table II", "proportional gain")] = 0.015
     K_i: Annotated[Amount, Quantity("V/rad", "Table II", "integral gain")] = 0.025
     V_s_max: Annotated[Amount, Quantity("V", "Table II", "maximum input voltage")] = 3.0
+
+
+Place = tuple[float, float, float]
+
+
+class Mount(NamedTuple):
+    """Where a motor is on the body, seen from the robot's axis on the floor."""
+
+    place_m: Place
+    axis: Place  # along the shaft, unit vector: it turns counter-clockwise seen from its tip
+    own: tuple[tuple[str, float], ...] = ()  # its parameters that differ from `MotorParams`
+
+
+class Foot(NamedTuple):
+    """Where a foot touches the floor, seen from the robot's axis, and its friction."""
+
+    x_m: float
+    y_m: float
+    mu: float | None = None  # None: that of the robot
 
 
 class RobotParams(NamedTuple):
@@ -85,6 +105,28 @@ class RobotParams(NamedTuple):
     mu_robots: Annotated[
         Amount, Quantity("1", "assumed, on any floor", "Coulomb friction between robots that touch")
     ] = 0.15
+    inertia_kg_m2: Annotated[
+        tuple[float, ...],
+        Quantity("kg.m2", "computed: uniform cylinder", "moments about the centre of mass, if any"),
+    ] = ()
+    motors: Annotated[
+        tuple[Mount, ...],
+        Quantity("m", "Fig. 4b: D and E at motor_radius_m", "motors, if others than these"),
+    ] = ()
+    feet: Annotated[
+        tuple[Foot, ...],
+        Quantity("m", "Fig. 4b: A, B and C at foot_radius_m", "feet, if others than these"),
+    ] = ()
+
+    @property
+    def motors_count(self) -> int:
+        """Number of motors."""
+        return len(self.motors) or 2
+
+    @property
+    def feet_count(self) -> int:
+        """Number of feet."""
+        return len(self.feet) or 3
 
 
 class NoiseParams(NamedTuple):
@@ -279,8 +321,30 @@ def describe(record: Any) -> dict[str, tuple[Any, Quantity]]:
     }
 
 
+def motor_names(motors: int) -> str:
+    """Return a letter for each motor of a robot: D and E as in the paper, else from A on."""
+    return "DE" if motors == 2 else string.ascii_uppercase[:motors]
+
+
+def mounts_of(robot: RobotParams) -> tuple[Mount, ...]:
+    """Motors of a robot; D (φ = 90°, on +y) and E (φ = −90°, on −y) of Fig. 4b if not stated."""
+    height_m = robot.motor_axis_height_m
+    return robot.motors or tuple(
+        Mount((0.0, side * robot.motor_radius_m, height_m), (0.0, side, 0.0))
+        for side in (1.0, -1.0)
+    )
+
+
+def motors_of(robot: RobotParams, motor: MotorParams) -> tuple[MotorParams, ...]:
+    """Parameters of each motor of a robot."""
+    return tuple(motor._replace(**dict(mount.own)) for mount in mounts_of(robot))
+
+
 def cylinder_inertia(robot: RobotParams) -> tuple[float, float, float]:
-    """Principal moments (Ixx, Iyy, Izz) in kg m² of a uniform cylinder, computed from Table I."""
+    """Moments (Ixx, Iyy, Izz) in kg m²: those stated, else of a uniform cylinder by Table I."""
+    if robot.inertia_kg_m2:
+        i_xx, i_yy, i_zz = robot.inertia_kg_m2
+        return i_xx, i_yy, i_zz
     radius = robot.diameter_m / 2.0
     i_zz = robot.mass_kg * radius**2 / 2.0
     i_xx = robot.mass_kg * (3.0 * radius**2 + robot.height_m**2) / 12.0

@@ -4,6 +4,7 @@ A `World` is what the table `[world]` of a file declares; the default is the pap
 from episode to episode is drawn from it with the episode's seed.
 """
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import msgspec
@@ -12,7 +13,7 @@ from msgspec import Meta
 
 from cosim.base.arguments import validate_fields
 from cosim.base.errors import UserError
-from cosim.model.params import MotorParams, Quantity
+from cosim.model.params import MotorParams, Quantity, motor_names
 
 Rectangle = tuple[int, int, int, int]  # first column, first row, last column, last row, inclusive
 
@@ -175,16 +176,15 @@ def parameter_name(table: str, name: str) -> str:
 class Drawn(msgspec.Struct, frozen=True):
     """Values that an episode has drawn from its world."""
 
-    # Of every robot motors D and E, with their own K_T, R, J and r
-    motors: tuple[tuple[MotorParams, MotorParams], ...]
+    motors: tuple[tuple[MotorParams, ...], ...]  # of every robot, with their own K_T, R, J and r
     tilt_direction_deg: float  # where the floor falls, counter-clockwise from +x
 
     def table(self) -> dict[str, dict[str, float]]:
         """Return what summaries list: K_T, R, J and r of every motor, and the slope."""
         return {
             f"r{robot + 1}.{name}": {key: getattr(motor, key) for key in ("K_T", "R", "J", "r")}
-            for robot, pair in enumerate(self.motors)
-            for name, motor in zip("DE", pair, strict=True)
+            for robot, motors in enumerate(self.motors)
+            for name, motor in zip(motor_names(len(motors)), motors, strict=True)
         } | {"floor": {"tilt_direction_deg": self.tilt_direction_deg}}
 
 
@@ -196,33 +196,35 @@ def generator(seed: np.random.SeedSequence, child: int) -> np.random.Generator:
 
 
 def draw_world(
-    world: World, motor: MotorParams, robots: int, seed: np.random.SeedSequence
+    world: World, motors: Sequence[MotorParams], robots: int, seed: np.random.SeedSequence
 ) -> Drawn:
-    """Draw the values of an episode."""
+    """Draw the values of an episode, of robots with some motors each."""
     rng = generator(seed, _WORLD_CHILD)
-    normal = rng.standard_normal((robots, 2, 4))
+    normal = rng.standard_normal((robots, len(motors), 4))
     factors = 1.0 + (world.motor_spread or 0.0) * np.clip(
         normal, -_MOST_DEVIATIONS, _MOST_DEVIATIONS
     )
     direction_deg = round(rng.uniform(0.0, 360.0), 6) if world.floor_tilt_deg else 0.0
 
-    def own(row: np.ndarray) -> MotorParams:
+    def own(motor: MotorParams, row: np.ndarray) -> MotorParams:
         if not world.motor_spread:
             return motor
         k_t, r, j, mr = row.tolist()
         return motor._replace(K_T=motor.K_T * k_t, R=motor.R * r, J=motor.J * j, r=motor.r * mr)
 
-    return Drawn(tuple((own(d), own(e)) for d, e in factors), direction_deg)
+    drawn = (tuple(map(own, motors, rows)) for rows in factors)
+    return Drawn(tuple(drawn), direction_deg)
 
 
-def motor_phases(world: World, robots: int) -> np.ndarray:
-    """(N, 2) rad at which motors D and E begin, 0 hanging; NaN where the world says nothing."""
-    phases_deg, motors = world.motor_phases_deg, 2 * robots
+def motor_phases(world: World, robots: int, motors: int) -> np.ndarray:
+    """(N, motors) rad at which motors begin, 0 hanging; NaN where the world says nothing."""
+    phases_deg = world.motor_phases_deg
     if not phases_deg:
-        return np.full((robots, 2), np.nan)
-    if len(phases_deg) != motors:
+        return np.full((robots, motors), np.nan)
+    if len(phases_deg) != robots * motors:
+        names = ", ".join(f"r1.{name}" for name in motor_names(motors))
         raise UserError(
-            f"world.motor_phases_deg has {len(phases_deg)} angles, but the robots have {motors} "
-            "motors; give one for each of r1.D, r1.E, r2.D, ..."
+            f"world.motor_phases_deg has {len(phases_deg)} angles, but the robots have "
+            f"{robots * motors} motors; give one for each of {names}, r2..."
         )
-    return np.radians(phases_deg).reshape(robots, 2)
+    return np.radians(phases_deg).reshape(robots, motors)

@@ -1,4 +1,4 @@
-"""One rigid robot on the floor: Newton–Euler equations (Eq. 2) with three contacts.
+"""One rigid robot on the floor: Newton–Euler equations (Eq. 2) with contacts at its feet.
 
 Semi-implicit Euler with step dt: velocities first (applied wrench, gyroscopic moment by the
 implicit midpoint rule, contact impulses), then the pose with the new velocities. The centre of
@@ -9,7 +9,7 @@ a payload moves off the axis. The caller owns time and forces.
 
 import math
 
-from cosim.base.jit import inlined
+from cosim.base.jit import inlined, unrolled
 from cosim.physics.body_state import Body
 from cosim.physics.contact import (
     ContactParams,
@@ -21,6 +21,7 @@ from cosim.physics.contact import (
 from cosim.physics.lanes import any_lane, select
 from cosim.physics.properties import BodyParams
 from cosim.physics.rotation import (
+    Quaternion,
     Vector,
     cross,
     dot,
@@ -99,30 +100,16 @@ def _turned(omega: Vector, dt: float, moment: Vector, params: BodyParams) -> Vec
 
 @inlined
 def with_impulses(
-    velocity: Vector,
-    omega: Vector,
-    params: BodyParams,
-    normal: Vector,
-    at_a: Impulse,
-    at_b: Impulse,
-    at_c: Impulse,
+    velocity: Vector, omega: Vector, params: BodyParams, normal: Vector, at: tuple[Impulse, ...]
 ) -> tuple[Vector, Vector, Vector]:
-    """Velocities (body frame) after the contact impulses, and the total impulse in N s.
-
-    A and C are mirror images: adding them first keeps the mirror symmetry exact in rounding.
-    """
-    a = plus(at_a[1], at_a[0], normal)
-    b = plus(at_b[1], at_b[0], normal)
-    c = plus(at_c[1], at_c[0], normal)
-    both = plus(a, 1.0, c)
-    total = plus(both, 1.0, b)
+    """Velocities (body frame) after the contact impulses, and the total impulse in N s."""
     contact = params.contact
-    (x, y, z), x_b = contact.a, contact.b[0]
-    # Σ r × j of feet A (x, y, z), B (x_b, 0, z), C (x, −y, z)
+    total, levers = _summed(contact.pairing.pairs, contact.feet, at, normal)
+    # Σ r × j of feet (x, y, z)
     twist = (
-        y * (a[2] - c[2]) - z * total[1],
-        z * total[0] - (x * both[2] + x_b * b[2]),
-        x * both[1] + x_b * b[1] - y * (a[0] - c[0]),
+        levers[1] - contact.z * total[1],
+        contact.z * total[0] - levers[0],
+        levers[2] - levers[3],
     )
     twist = about_centre(twist, total, params)
     turn = _times(params.inverse_inertia, params.inverse_product, twist, params)
@@ -130,34 +117,98 @@ def with_impulses(
     return plus(velocity, params.inverse_mass, total), omega, total
 
 
-@inlined
-def foot_velocities(
-    velocity: Vector, omega: Vector, contact: ContactParams
-) -> tuple[Vector, Vector, Vector]:
-    """Velocities v + ω × r of feet A, B, C in m/s, from that of the axis, all in the body frame."""
-    (x, y, z), x_b = contact.a, contact.b[0]
-    along, aside = velocity[0] + omega[1] * z, velocity[1] - omega[0] * z
-    across = aside + omega[2] * x
-    up, swing, roll = velocity[2] - omega[1] * x, omega[2] * y, omega[0] * y
-    return (
-        (along - swing, across, up + roll),
-        (along, aside + omega[2] * x_b, velocity[2] - omega[1] * x_b),
-        (along + swing, across, up - roll),
+@unrolled
+def _summed(
+    pairs: tuple[int, ...],
+    feet: tuple[tuple[float, float], ...],
+    at: tuple[Impulse, ...],
+    normal: Vector,
+) -> tuple[Vector, Quaternion]:
+    """Sum of the impulses j of feet, in pairs and then one by one; and Σ of x jz, y jz, x jy, y jx.
+
+    Mirror images are added first, which keeps the mirror symmetry exact in rounding.
+    """
+    if len(feet) == 0:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
+    x, y = feet[0]
+    first = plus(at[0][1], at[0][0], normal)
+    if len(pairs) > 0:
+        second = plus(at[1][1], at[1][0], normal)
+        rest, levers = _summed(pairs[1:], feet[2:], at[2:], normal)
+        both, apart = plus(first, 1.0, second), plus(first, -1.0, second)
+    else:
+        rest, levers = _summed(pairs, feet[1:], at[1:], normal)
+        both = apart = first
+    return plus(both, 1.0, rest), (
+        x * both[2] + levers[0],
+        y * apart[2] + levers[1],
+        x * both[1] + levers[2],
+        y * apart[0] + levers[3],
     )
 
 
-@inlined
-def _least(foot: Vector, body: Body, normal: Vector, mu: float, params: BodyParams) -> float:
-    """Least normal speed of a foot after the step: any where no floor is below it."""
+@unrolled
+def _changes(pairs: tuple[int, ...], after: tuple[Impulse, ...], at: tuple[Impulse, ...]) -> float:
+    """Sum of the changes of normal impulses, in the order of `_summed`."""
+    if len(at) == 0:
+        return 0.0
+    change = abs(after[0][0] - at[0][0])
+    if len(pairs) > 0:
+        change += abs(after[1][0] - at[1][0])
+        return change + _changes(pairs[1:], after[2:], at[2:])
+    return change + _changes(pairs, after[1:], at[1:])
+
+
+@unrolled
+def _least(
+    feet: tuple[tuple[float, float], ...],
+    mu: tuple[float, ...],
+    body: Body,
+    normal: Vector,
+    params: BodyParams,
+) -> tuple[float, ...]:
+    """Least normal speed of each foot after the step: any where no floor is below it."""
+    if len(feet) == 0:
+        return ()
+    x, y = feet[0]
     if params.off_axis:
-        x, y = params.centre
-        foot = foot[0] - x, foot[1] - y, foot[2]
+        x, y = x - params.centre[0], y - params.centre[1]
+    foot = x, y, params.contact.z
     gap = body.position[2] + dot(normal, foot)
     least = allowed_approach(gap, params.inverse_dt)
     if params.bounces:
         before = body.velocity[2] + dot(cross(normal, body.omega), foot)
         least = impact_speed(gap, before, least, params.restitution, params.inverse_dt)
-    return select(mu < 0.0, -math.inf, least)
+    least = select(mu[0] < 0.0, -math.inf, least)
+    return (least, *_least(feet[1:], mu[1:], body, normal, params))
+
+
+@unrolled
+def _swept(
+    feet: tuple[tuple[float, float], ...],
+    at: tuple[Impulse, ...],
+    mu: tuple[float, ...],
+    least: tuple[float, ...],
+    velocity: Vector,
+    omega: Vector,
+    normal: Vector,
+    contact: ContactParams,
+    going_on: bool,
+) -> tuple[Impulse, ...]:
+    """Impulses of feet after a gradient step, where it is going on.
+
+    Args:
+        velocity: of the robot's axis at the height of the feet, body frame, m/s.
+    """
+    if len(feet) == 0:
+        return ()
+    x, y = feet[0]
+    along, across, up = velocity
+    of_foot = along - omega[2] * y, across + omega[2] * x, up - omega[1] * x + omega[0] * y
+    after = gradient_step(at[0], of_foot, normal, least[0], mu[0], contact)
+    kept = _where(going_on, after, at[0])
+    rest = _swept(feet[1:], at[1:], mu[1:], least[1:], velocity, omega, normal, contact, going_on)
+    return (kept, *rest)
 
 
 @inlined
@@ -193,28 +244,24 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
     half_spin = plus(body.omega, -1.0, spun_omega)
 
     normal = world_from_body[2]
-    least_a = _least(contact.a, body, normal, contact.mu[0], params)
-    least_b = _least(contact.b, body, normal, contact.mu[1], params)
-    least_c = _least(contact.c, body, normal, contact.mu[2], params)
-    at_a, at_b, at_c = body.at_a, body.at_b, body.at_c
-    v, omega, total = with_impulses(free_velocity, free_omega, params, normal, at_a, at_b, at_c)
+    feet, mu, at, pairs = contact.feet, contact.mu, body.at, contact.pairing.pairs
+    least = _least(feet, mu, body, normal, params)
+    v, omega, total = with_impulses(free_velocity, free_omega, params, normal, at)
     change = select(body.position[2] < math.inf, math.inf, 0.0)
     for _ in range(contact.max_sweeps):
         # A lane that has ended its sweeps keeps its values, to the bit, and so changes no more.
         going_on = change >= contact.tolerance
         if not any_lane(going_on):
             break
-        u_a, u_b, u_c = foot_velocities(at_axis(v, omega, params), omega, contact)
-        a = gradient_step(at_a, u_a, normal, least_a, contact.mu[0], contact)
-        b = gradient_step(at_b, u_b, normal, least_b, contact.mu[1], contact)
-        c = gradient_step(at_c, u_c, normal, least_c, contact.mu[2], contact)
-        a, b, c = _where(going_on, a, at_a), _where(going_on, b, at_b), _where(going_on, c, at_c)
+        of_axis = at_axis(v, omega, params)
+        lowest = of_axis[0] + omega[1] * contact.z, of_axis[1] - omega[0] * contact.z, of_axis[2]
+        after = _swept(feet, at, mu, least, lowest, omega, normal, contact, going_on)
         before, spin = total, omega[2]
-        v, omega, total = with_impulses(free_velocity, free_omega, params, normal, a, b, c)
-        change = abs(a[0] - at_a[0]) + abs(c[0] - at_c[0]) + abs(b[0] - at_b[0])
+        v, omega, total = with_impulses(free_velocity, free_omega, params, normal, after)
+        change = _changes(pairs, after, at)
         change += abs(total[0] - before[0]) + abs(total[1] - before[1])
         change += contact.spin_inertia * abs(omega[2] - spin)
-        at_a, at_b, at_c = a, b, c
+        at = after
 
     velocity = plus(body.velocity, dt, params.gravity)
     velocity = plus(
@@ -226,7 +273,5 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
         rotated(body.orientation, (dt * turning[0], dt * turning[1], dt * turning[2])),
         velocity,
         omega,
-        at_a,
-        at_b,
-        at_c,
+        at,
     )

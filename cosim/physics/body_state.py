@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.jit import inlined
+from cosim.base.jit import inlined, unrolled
 from cosim.model.params import RobotParams
 from cosim.physics.contact import Impulse
 from cosim.physics.lanes import Width, load, store
@@ -17,26 +17,45 @@ X, Y, Z = 0, 1, 2  # position of the centre of mass, world frame, m
 Q_W, Q_X, Q_Y, Q_Z = 3, 4, 5, 6  # quaternion, world from body
 V_X, V_Y, V_Z = 7, 8, 9  # velocity of the centre of mass, world frame, m/s
 W_X, W_Y, W_Z = 10, 11, 12  # angular velocity, body frame, rad/s
-NORMALS = 13  # normal impulses of feet A, B, C in the last step, N s
-FRICTIONS = 16  # friction impulses of A, B, C, body frame (x, y, z) each, N s
-STATE_SIZE = 25
+NORMALS = 13  # normal impulses of M feet in the last step, N s
+# After them: friction impulses of these feet, body frame (x, y, z) each, N s
 POSITION, QUATERNION = slice(X, Q_W), slice(Q_W, V_X)
 PLANE = slice(X, Z)  # x and y of the position
 VELOCITY, ANGULAR_VELOCITY = slice(V_X, W_X), slice(W_X, NORMALS)
-NORMAL_IMPULSE, FRICTION_IMPULSE = slice(NORMALS, FRICTIONS), slice(FRICTIONS, STATE_SIZE)
-BODY_SIGNALS = (  # name and size of each
-    ("position", 3),
-    ("orientation", 4),
-    ("velocity", 3),
-    ("angular velocity", 3),
-    ("normal impulse", 3),
-    ("friction impulse", 9),
-)
+
+
+def state_size(feet: int) -> int:
+    """Length of a state of a body with some feet."""
+    return NORMALS + 4 * feet
+
+
+def body_signals(feet: int) -> tuple[tuple[str, int], ...]:
+    """Name and size of each signal of a state, in their order."""
+    return (
+        ("position", 3),
+        ("orientation", 4),
+        ("velocity", 3),
+        ("angular velocity", 3),
+        ("normal impulse", feet),
+        ("friction impulse", 3 * feet),
+    )
+
+
+@inlined
+def feet_of_bodies(bodies: np.ndarray) -> int:
+    """Number of feet of a state, or of the bodies in an array of them."""
+    return (bodies.shape[0] - NORMALS) // 4
+
+
+@inlined
+def frictions(bodies: np.ndarray) -> int:
+    """First row of the friction impulses."""
+    return NORMALS + feet_of_bodies(bodies)
 
 
 def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: float) -> np.ndarray:
-    """State of a robot at rest on its feet, shape (STATE_SIZE,)."""
-    state = np.zeros(STATE_SIZE)
+    """State of a robot at rest on its feet, shape (state_size(M),)."""
+    state = np.zeros(state_size(robot.feet_count))
     state[POSITION] = x_m, y_m, robot.com_height_m
     state[QUATERNION] = math.cos(heading_rad / 2.0), 0.0, 0.0, math.sin(heading_rad / 2.0)
     return state
@@ -50,29 +69,18 @@ class Body(NamedTuple):
     orientation: Quaternion  # world from body
     velocity: Vector
     omega: Vector  # body frame, rad/s
-    # at_a, at_b, at_c: impulses of the last step, body frame, N s
-    at_a: Impulse
-    at_b: Impulse
-    at_c: Impulse
+    at: tuple[Impulse, ...]  # impulses of the feet in the last step, body frame, N s
 
 
 @inlined
-def read_body(bodies: np.ndarray, column: int, width: Width) -> Body:
-    """Bodies of (STATE_SIZE, B) from a column on, one for every lane."""
+def read_body(bodies: np.ndarray, column: int, width: Width, order: tuple[int, ...]) -> Body:
+    """Bodies of (S, B) from a column on, one for every lane; feet in an order."""
     return Body(
         read_vector(bodies, X, column, width),
         (load(bodies, Q_W, column, width), *read_vector(bodies, Q_X, column, width)),
         read_vector(bodies, V_X, column, width),
         read_vector(bodies, W_X, column, width),
-        _read_impulse(bodies, 0, column, width),
-        (
-            load(bodies, NORMALS + 1, column, width),
-            read_vector(bodies, FRICTIONS + 3, column, width),
-        ),
-        (
-            load(bodies, NORMALS + 2, column, width),
-            read_vector(bodies, FRICTIONS + 6, column, width),
-        ),
+        _read_impulses(bodies, column, width, order),
     )
 
 
@@ -82,10 +90,15 @@ def orientation_of(body: np.ndarray) -> Quaternion:
     return body[Q_W], body[Q_X], body[Q_Y], body[Q_Z]
 
 
-@inlined
-def _read_impulse(bodies: np.ndarray, foot: int, column: int, width: Width) -> Impulse:
-    normal = load(bodies, NORMALS + foot, column, width)
-    return normal, read_vector(bodies, FRICTIONS + 3 * foot, column, width)
+@unrolled
+def _read_impulses(
+    bodies: np.ndarray, column: int, width: Width, order: tuple[int, ...]
+) -> tuple[Impulse, ...]:
+    if len(order) == 0:
+        return ()
+    normal = load(bodies, NORMALS + order[0], column, width)
+    impulse = normal, read_vector(bodies, frictions(bodies) + 3 * order[0], column, width)
+    return (impulse, *_read_impulses(bodies, column, width, order[1:]))
 
 
 @inlined
@@ -99,18 +112,26 @@ def read_vector(rows: np.ndarray, row: int, column: int, width: Width) -> Vector
 
 
 @inlined
-def write_body(bodies: np.ndarray, column: int, width: Width, body: Body) -> None:
+def write_body(
+    bodies: np.ndarray, column: int, width: Width, order: tuple[int, ...], body: Body
+) -> None:
     """Put bodies back to where `read_body` took them from."""
     _write_vector(bodies, X, column, width, body.position)
     store(bodies, Q_W, column, width, body.orientation[0])
     _write_vector(bodies, Q_X, column, width, body.orientation[1:])
     _write_vector(bodies, V_X, column, width, body.velocity)
     _write_vector(bodies, W_X, column, width, body.omega)
-    normal = (body.at_a[0], body.at_b[0], body.at_c[0])
-    _write_vector(bodies, NORMALS, column, width, normal)
-    _write_vector(bodies, FRICTIONS, column, width, body.at_a[1])
-    _write_vector(bodies, FRICTIONS + 3, column, width, body.at_b[1])
-    _write_vector(bodies, FRICTIONS + 6, column, width, body.at_c[1])
+    _write_impulses(bodies, column, width, order, body.at)
+
+
+@unrolled
+def _write_impulses(
+    bodies: np.ndarray, column: int, width: Width, order: tuple[int, ...], at: tuple[Impulse, ...]
+) -> None:
+    if len(order) > 0:
+        store(bodies, NORMALS + order[0], column, width, at[0][0])
+        _write_vector(bodies, frictions(bodies) + 3 * order[0], column, width, at[0][1])
+        _write_impulses(bodies, column, width, order[1:], at[1:])
 
 
 @inlined

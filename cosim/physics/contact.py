@@ -1,18 +1,22 @@
-"""Three rigid unilateral contacts with Coulomb friction, solved as impulses per time step.
+"""Rigid unilateral contacts with Coulomb friction, solved as impulses per time step.
 
 Moreau time stepping in the body frame: there the contact points, the inertia and so the Delassus
 operator are constant, only the floor normal changes. Each sweep is one projected gradient step on
-all three contacts at once, which keeps mirror symmetry exact; impulses of the last step start the
-next. Nothing here knows motors or time integration.
+all contacts at once, which keeps mirror symmetry exact; impulses of the last step start the next.
+Nothing here knows motors or time integration.
+
+Loads of more than three feet of a rigid body are not defined: a compliance of the contacts, far
+below what moves the body, spreads them as equal springs would.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.model.params import RobotParams
+from cosim.model.params import Foot, RobotParams
 from cosim.model.world import World
 from cosim.physics.lanes import select
 from cosim.physics.mass import Mass, mass_of
@@ -33,34 +37,62 @@ MAX_SWEEPS = 50
 NO_FLOOR = -1.0  # in place of a friction coefficient: no floor is below the foot
 
 
+COMPLIANCE_1_KG = 5.0  # of contacts of more than three feet, see the head of this file
+
+
+class Pairing(NamedTuple):
+    """Order in which kernels take motors or feet: first those that are mirror images, in pairs.
+
+    What is summed is summed by pairs, which keeps the mirror symmetry exact in rounding.
+    """
+
+    pairs: tuple[int, ...]  # a zero for each: numba compiles for the length of a tuple
+    order: tuple[int, ...]  # of kernels: indices in the machine's order
+
+
+def paired(places_m: Sequence[tuple[float, float]]) -> Pairing:
+    """Find mirror images, at (x, y) and (x, −y) from the axis in m."""
+    left = dict(enumerate(places_m))
+    pairs: list[int] = []
+    for k, (x, y) in enumerate(places_m):
+        twins = [i for i in left if i > k and left[i] == (x, -y) and y != 0.0]
+        if k in left and twins:
+            pairs += [k, twins[0]]
+            del left[k], left[twins[0]]
+    return Pairing((0,) * (len(pairs) // 2), (*pairs, *left))
+
+
 class ContactParams(NamedTuple):
     """Geometry and step sizes of the contact solver (body frame)."""
 
-    # a, b, c: positions of feet A, B, C in m; origin: the robot's axis at the height of the centre
-    # of mass
-    a: Vector
-    b: Vector
-    c: Vector
-    mu: Vector  # Coulomb friction coefficient under each of them, static = kinetic; or NO_FLOOR
+    pairing: Pairing
+    # Positions (x, y) of feet, from the robot's axis, in the order of the pairing, m
+    feet: tuple[tuple[float, float], ...]
+    z: float  # of all of them, from the height of the centre of mass, m
+    # Coulomb friction coefficient under each of them, static = kinetic; or NO_FLOOR
+    mu: tuple[float, ...]
     # step_normal, step_tangential: step sizes of the projected gradient in kg
     step_normal: float
     step_tangential: float
     spin_inertia: float  # friction impulse at a foot, in N s, that changes a spin by 1 rad/s: kg m
     # sweeps end when the impulses, that of the spin included, change by less than this, N s
     tolerance: float
+    compliance: float  # normal speed that a contact yields per normal impulse, 1/kg
     max_sweeps: int  # bound on the gradient steps of one time step
 
 
+def feet_of(robot: RobotParams) -> tuple[Foot, ...]:
+    """Feet of a robot; A and C at +x, B at −x of Fig. 4b if not stated."""
+    if robot.feet:
+        return robot.feet
+    angles = np.deg2rad([60.0, 180.0])
+    (x, behind), y = robot.foot_radius_m * np.cos(angles), robot.foot_radius_m * np.sin(angles[0])
+    return Foot(float(x), float(y)), Foot(float(behind), 0.0), Foot(float(x), -float(y))
+
+
 def foot_positions(robot: RobotParams) -> np.ndarray:
-    """Feet A, B, C from the robot's axis, shape (3, 3), m: A and C at +x, B at −x (Fig. 4b)."""
-    angles = np.deg2rad([60.0, 180.0, -60.0])
-    feet = np.empty((3, 3))
-    feet[:, 0] = robot.foot_radius_m * np.cos(angles)
-    feet[:, 1] = robot.foot_radius_m * np.sin(angles)
-    feet[:, 2] = -robot.com_height_m
-    feet[2, :2] = feet[0, 0], -feet[0, 1]  # exact mirror images
-    feet[1, 1] = 0.0
-    return feet
+    """Feet from the robot's axis at the height of the centre of mass, shape (M, 3), m."""
+    return np.array([(foot.x_m, foot.y_m, -robot.com_height_m) for foot in feet_of(robot)])
 
 
 def floor_margin(robot: RobotParams, world: World) -> float:
@@ -70,13 +102,13 @@ def floor_margin(robot: RobotParams, world: World) -> float:
 
 
 def delassus(robot: RobotParams, mass: Mass | None = None) -> np.ndarray:
-    """Delassus operator of the three contacts, shape (9, 9), 1/kg: impulses to velocities.
+    """Delassus operator of M contacts, shape (3 M, 3 M), 1/kg: impulses to velocities.
 
-    Rows and columns are x, y, z of A, B, C in the body frame; `mass` is by default that of the
+    Rows and columns are x, y, z of each foot in the body frame; `mass` is by default that of the
     robot without payload.
     """
     mass = mass or mass_of(robot)
-    jacobian = np.zeros((9, 6))
+    jacobian = np.zeros((3 * len(feet_of(robot)), 6))
     for i, (x, y, z) in enumerate(foot_positions(robot) - (*mass.centre, 0.0)):
         jacobian[3 * i : 3 * i + 3, :3] = np.eye(3)
         jacobian[3 * i : 3 * i + 3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
@@ -92,21 +124,27 @@ def contact_params(robot: RobotParams, tolerance: float, mass: Mass | None = Non
     largest eigenvalue of the scaled whole, so that the gradient step is stable for any geometry.
     """
     mass = mass or mass_of(robot)
-    feet = foot_positions(robot)
+    feet = feet_of(robot)
+    own = [math.hypot(foot.x_m, foot.y_m) for foot in robot.feet]
+    pairing = paired([(foot.x_m, foot.y_m) for foot in feet])
+    ordered = [feet[k] for k in pairing.order]
     operator = delassus(robot, mass)
-    normal = np.arange(9) % 3 == 2
-    scale = np.empty(9)
+    normal = np.arange(len(operator)) % 3 == 2
+    scale = np.empty(len(operator))
     scale[normal] = np.linalg.eigvalsh(operator[np.ix_(normal, normal)])[-1]
     scale[~normal] = np.linalg.eigvalsh(operator[np.ix_(~normal, ~normal)])[-1]
     root = np.sqrt(scale)
     largest = np.linalg.eigvalsh(operator / np.outer(root, root))[-1]
     return ContactParams(
-        *((float(x), float(y), float(z)) for x, y, z in feet),
-        mu=(robot.mu, robot.mu, robot.mu),
+        pairing,
+        tuple((foot.x_m, foot.y_m) for foot in ordered),
+        -robot.com_height_m,
+        mu=tuple(robot.mu if foot.mu is None else foot.mu for foot in ordered),
         step_normal=_rounded(1.0 / (largest * scale[2])),
         step_tangential=_rounded(1.0 / (largest * scale[0])),
-        spin_inertia=mass.inertia[2] / robot.foot_radius_m,
+        spin_inertia=mass.inertia[2] / max(own, default=robot.foot_radius_m),
         tolerance=tolerance,
+        compliance=COMPLIANCE_1_KG if len(feet) > 3 else 0.0,
         max_sweeps=MAX_SWEEPS,
     )
 
@@ -160,7 +198,8 @@ def gradient_step(
     """
     speed = dot(normal, velocity)
     friction = plus(impulse[1], -contact.step_tangential, plus(velocity, -speed, normal))
-    pressed = impulse[0] - contact.step_normal * (speed - least_normal_speed)
+    yielding = speed + contact.compliance * impulse[0]
+    pressed = impulse[0] - contact.step_normal * (yielding - least_normal_speed)
     pressed = select(pressed > 0.0, pressed, 0.0)
     limit = mu * pressed
     length_2 = dot(friction, friction)

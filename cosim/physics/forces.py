@@ -3,11 +3,25 @@
 Angles θ grow from the hanging position. Kernels are stateless and take scalars.
 """
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from cosim.base.jit import inlined
-from cosim.model.params import MotorParams, RobotParams
+from cosim.base.jit import inlined, unrolled
+from cosim.model.params import MotorParams, RobotParams, mounts_of
+from cosim.physics.rotation import Vector, cross, plus
 from cosim.physics.trig import sine_cosine
+
+_VERTICAL = 1e-9  # sine of the angle from a shaft to the vertical, below which nothing hangs
+
+
+class Shaft(NamedTuple):
+    """Directions of a motor in the body frame, for any shaft; unit vectors."""
+
+    hanging: Vector  # from the shaft to the eccentric mass at θ = 0
+    ahead: Vector  # the same at θ = π/2
+    axis: Vector  # of the shaft
+    x: float  # mount position on the body's x axis in m
 
 
 class MotorMount(NamedTuple):
@@ -20,16 +34,36 @@ class MotorMount(NamedTuple):
     y: float  # mount position on the body's y axis in m
     z: float  # height of the motor axis over the centre of mass in m
     sin_phi: float  # sine of φ, the angle from the body's x axis to the motor axis (Fig. 4b)
+    # Empty where the shaft is along the body's y axis and x = 0, as in Fig. 4b: a type of its own,
+    # so that kernels of the paper's robot do not compute with zeros
+    shaft: tuple[Shaft, ...] = ()
 
 
-def motor_mounts(robot: RobotParams, motor: MotorParams) -> tuple[MotorMount, MotorMount]:
-    """Mounts of motors D (φ = 90°, on +y) and E (φ = −90°, on −y), Fig. 4b."""
-    z = robot.motor_axis_height_m - robot.com_height_m
-    mounts = [
-        MotorMount(motor.m, motor.r, motor.J, motor.g, side * robot.motor_radius_m, z, side)
-        for side in (1.0, -1.0)
-    ]
-    return mounts[0], mounts[1]
+def motor_mounts(robot: RobotParams, motors: Sequence[MotorParams]) -> tuple[MotorMount, ...]:
+    """Mounts of a robot's motors with the parameters of each, in their order."""
+    places = mounts_of(robot)
+    along_y = all(mount.place_m[0] == 0.0 == 1.0 - abs(mount.axis[1]) for mount in places)
+    found = []
+    for mount, own in zip(places, motors, strict=True):
+        x, y, height = mount.place_m
+        z, sine = height - robot.com_height_m, mount.axis[1]
+        shaft = () if along_y else (Shaft(*directions(mount.axis), mount.axis, x),)
+        found.append(MotorMount(own.m, own.r, own.J, own.g, y, z, sine, shaft))
+    return tuple(found)
+
+
+def level_share(axis: Vector) -> float:
+    """Share of gravity that turns a mass about a shaft: the sine of its angle to the vertical."""
+    return math.hypot(axis[0], axis[1])
+
+
+def directions(axis: Vector) -> tuple[Vector, Vector]:
+    """Directions of a mass that hangs from a shaft, and a quarter of a turn later."""
+    level = level_share(axis)
+    hanging = (1.0, 0.0, 0.0)  # assumed of a vertical shaft: nothing hangs
+    if level > _VERTICAL:  # straight down, less what is along the shaft
+        hanging = axis[0] * axis[2] / level, axis[1] * axis[2] / level, -level
+    return hanging, cross(axis, hanging)
 
 
 @inlined
@@ -60,14 +94,29 @@ def motor_force(
     return f_x, f_z, n_y
 
 
-@inlined
+@unrolled
 def motor_wrench(
-    mount: MotorMount, theta: float, omega: float, omega_dot: float
-) -> tuple[float, float, float, float, float]:
-    """Wrench (f_X, f_Z, τ_X, τ_Y, τ_Z) of one motor about the centre of mass, body frame, N, N m.
+    mount: MotorMount, shaft: tuple[Shaft, ...], theta: float, omega: float, omega_dot: float
+) -> tuple[Vector, Vector]:
+    """Force in N and moment about the centre of mass in N m of one motor, body frame.
 
-    The terms r_j × f_j and n_j of Eq. (2) with r_j = (0, y, z) and f_Y = 0.
+    The terms f_j, and r_j × f_j + n_j, of Eq. (2).
+
+    Args:
+        shaft: that of the mount.
     """
-    f_x, f_z, n_y = motor_force(mount, theta, omega, omega_dot)
-    # Eq. (2), j = D, E
-    return f_x, f_z, mount.y * f_z, mount.z * f_x + n_y, -mount.y * f_x
+    if len(shaft) == 0:
+        f_x, f_z, n_y = motor_force(mount, theta, omega, omega_dot)
+        # Eq. (2), j = D, E, with r_j = (0, y, z) and f_Y = 0
+        return (f_x, 0.0, f_z), (mount.y * f_z, mount.z * f_x + n_y, -mount.y * f_x)
+    s, c = sine_cosine(theta)
+    mr, own = mount.m * mount.r, shaft[0]
+    # Eq. (3) in the directions of the mass, and its weight
+    down = mr * omega_dot * s + mr * omega * omega * c
+    ahead = mr * omega * omega * s - mr * omega_dot * c
+    force = plus((0.0, 0.0, -mount.m * mount.g), down, own.hanging)
+    force = plus(force, ahead, own.ahead)
+    reaction = mount.J * omega_dot - mr * mount.g * own.hanging[2] * s
+    moment = cross((own.x, mount.y, mount.z), force)
+    # Eq. (2)
+    return force, plus(moment, -reaction, own.axis)

@@ -4,11 +4,12 @@ Robots of one batch may live in different worlds: everything that a world change
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.jit import inlined
+from cosim.base.jit import inlined, unrolled
 from cosim.model.params import MotorParams, RobotParams
 from cosim.model.world import IDEAL, Drawn, World
 from cosim.physics.body_state import X, Y, orientation_of, read_vector
@@ -27,11 +28,14 @@ PRODUCT, INVERSE_PRODUCT = 7, 8
 CENTRE = 9
 GRAVITY = 11
 RESTITUTION = 14
-FLOOR_MU = 15  # where no patch is
-MU = 16  # now under feet A, B, C
-STEP_NORMAL, STEP_TANGENTIAL, SPIN_INERTIA, TOLERANCE = 19, 20, 21, 22
-MOTORS = 23  # r and J of D, then of E
-PROPERTIES = 27
+STEP_NORMAL, STEP_TANGENTIAL, SPIN_INERTIA, TOLERANCE = 15, 16, 17, 18
+MU = 19  # now under each of M feet
+# After them: these where no patch is, then r and J of each motor.
+
+
+def properties_size(feet: int, motors: int) -> int:
+    """Number of rows."""
+    return MU + 2 * feet + 2 * motors
 
 
 class BodyParams(NamedTuple):
@@ -88,17 +92,19 @@ def body_params(
     )
 
 
-def properties_of(params: BodyParams, *mounts: MotorMount) -> np.ndarray:
-    """Column of a robot with motors D and E, shape (PROPERTIES,), layout above."""
+def properties_of(params: BodyParams, mounts: Sequence[MotorMount]) -> np.ndarray:
+    """Column of a robot with motors, in their order, layout above."""
     contact = params.contact
+    mu = np.empty(len(contact.mu))
+    mu[list(contact.pairing.order)] = contact.mu
     return np.array(
         [
             params.inverse_mass,
             *(*params.inertia, *params.inverse_inertia, params.product, params.inverse_product),
             *(*params.centre, *params.gravity, params.restitution),
-            *(contact.mu[0], *contact.mu),
             *(contact.step_normal, contact.step_tangential, contact.spin_inertia),
             contact.tolerance,
+            *(*mu, *mu),
             *(value for mount in mounts for value in (mount.r, mount.J)),
         ]
     )
@@ -115,20 +121,19 @@ def gravity(
 
 
 @inlined
-def feet_of(body: BodyParams) -> tuple[Vector, Vector, Vector]:
-    """Positions of feet A, B, C."""
-    return body.contact.a, body.contact.b, body.contact.c
-
-
-@inlined
 def read_params(
     properties: np.ndarray,
     column: int,
     width: Width,
     common: BodyParams,
-    feet: tuple[Vector, Vector, Vector],
+    feet: tuple[tuple[float, float], ...],
+    z: float,
 ) -> BodyParams:
-    """Constants of the robots from a column of (PROPERTIES, B) on, one for every lane."""
+    """Constants of the robots from a column of properties on, one for every lane.
+
+    Args:
+        feet, z: as in `ContactParams`.
+    """
     x, y = load(properties, CENTRE, column, width), load(properties, CENTRE + 1, column, width)
     restitution = load(properties, RESTITUTION, column, width)
     return BodyParams(
@@ -145,32 +150,46 @@ def read_params(
         common.dt,
         common.inverse_dt,
         ContactParams(
-            feet[0],
-            feet[1],
-            feet[2],
-            read_vector(properties, MU, column, width),
+            common.contact.pairing,
+            feet,
+            z,
+            _read_rows(properties, MU, column, width, common.contact.pairing.order),
             load(properties, STEP_NORMAL, column, width),
             load(properties, STEP_TANGENTIAL, column, width),
             load(properties, SPIN_INERTIA, column, width),
             load(properties, TOLERANCE, column, width),
+            common.contact.compliance,
             common.contact.max_sweeps,
         ),
     )
 
 
+@unrolled
+def _read_rows(
+    rows: np.ndarray, first: int, column: int, width: Width, order: tuple[int, ...]
+) -> tuple[float, ...]:
+    """Values of rows from one on, in an order, one for every lane."""
+    if len(order) == 0:
+        return ()
+    value = load(rows, first + order[0], column, width)
+    return (value, *_read_rows(rows, first, column, width, order[1:]))
+
+
 @inlined
 def read_mount(
-    properties: np.ndarray, motor: int, column: int, width: Width, common: MotorMount
+    properties: np.ndarray, motor: int, motors: int, column: int, width: Width, common: MotorMount
 ) -> MotorMount:
-    """Motors D (0) or E (1) of the robots from a column on, with their own r and J."""
+    """Motor of some of the robots from a column on, with their own r and J."""
+    row = properties.shape[0] - 2 * (motors - motor)
     return MotorMount(
         common.m,
-        load(properties, MOTORS + 2 * motor, column, width),
-        load(properties, MOTORS + 2 * motor + 1, column, width),
+        load(properties, row, column, width),
+        load(properties, row + 1, column, width),
         common.g,
         common.y,
         common.z,
         common.sin_phi,
+        common.shaft,
     )
 
 
@@ -184,12 +203,13 @@ def feel_patches(
         patches: (P, 5) left, bottom, right, top in m, and mu; later ones cover earlier ones.
     """
     axes = rotation_matrix(orientation_of(bodies[:, column]))
-    feet = (common.contact.a, common.contact.b, common.contact.c)
+    feet, order, z = common.contact.feet, common.contact.pairing.order, common.contact.z
     for k in range(len(feet)):
-        x, y, z = feet[k]
+        x, y = feet[k]
         arm = (x - properties[CENTRE, column], y - properties[CENTRE + 1, column], z)
         at_x, at_y = bodies[X, column] + dot(axes[0], arm), bodies[Y, column] + dot(axes[1], arm)
-        properties[MU + k, column] = properties[FLOOR_MU, column]
+        row = MU + order[k]
+        properties[row, column] = properties[row + len(feet), column]
         for p in range(len(patches)):
             if patches[p, 0] <= at_x < patches[p, 2] and patches[p, 1] <= at_y < patches[p, 3]:
-                properties[MU + k, column] = patches[p, 4]
+                properties[row, column] = patches[p, 4]

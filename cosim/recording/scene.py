@@ -3,6 +3,7 @@
 How the maps of a policy come out of a robot's table is the agent's; here they are tiles and arrows.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,12 +13,12 @@ from matplotlib import colormaps
 
 from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
-from cosim.model.params import RobotParams
+from cosim.model.params import RobotParams, motors_of, mounts_of
 from cosim.model.scenario import Scenario
 from cosim.model.world import Patch
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
 from cosim.physics.contact import foot_positions
-from cosim.physics.forces import motor_mounts
+from cosim.physics.forces import directions
 from cosim.recording.file import Kept, simulated
 from cosim.recording.series import (
     EIGHT,
@@ -58,6 +59,13 @@ _VISITED_HEIGHT_M = 0.0001
 _PLAN_DIAMETERS = 0.8  # length of the planned direction's arrow
 _PLAN_CLEARANCE_M = 0.003
 _LUMA = np.array([0.299, 0.587, 0.114])  # of red, green and blue, ITU-R BT.601
+
+
+def _upright_to(axis: tuple[float, float, float]) -> rr.RotationAxisAngle:
+    """Return the rotation of a cylinder along z to an axis."""
+    x, y, z = axis
+    about = (-y, x, 0.0) if x or y else (1.0, 0.0, 0.0)
+    return rr.RotationAxisAngle(about, radians=math.acos(z))
 
 
 def palette(colours: list[int]) -> np.ndarray:
@@ -171,26 +179,31 @@ def _write_robot(file: Kept, name: str, colour: int, robot: RobotParams) -> None
     )
     feet = foot_positions(robot)
     file.static(f"{base}/feet", rr.Points3D(feet, radii=0.001, colors=INK))
-    z = robot.motor_axis_height_m - robot.com_height_m
+    mounts = mounts_of(robot)
+    down = np.array([0.0, 0.0, robot.com_height_m])
     file.static(
         f"{base}/motors",
         rr.Cylinders3D(
-            lengths=[robot.motor_length_m] * 2,
-            radii=[robot.motor_diameter_m / 2.0] * 2,
-            centers=[(0.0, side * robot.motor_radius_m, z) for side in (1.0, -1.0)],
-            rotation_axis_angles=[rr.RotationAxisAngle((1, 0, 0), degrees=90)] * 2,
+            lengths=[robot.motor_length_m] * len(mounts),
+            radii=[robot.motor_diameter_m / 2.0] * len(mounts),
+            centers=[np.array(mount.place_m) - down for mount in mounts],
+            rotation_axis_angles=[_upright_to(mount.axis) for mount in mounts],
             colors=INK,
             fill_mode="solid",
         ),
     )
-    masses = rr.Points3D.from_fields(colors=shades(colour, 2), radii=[0.001] * 2)
+    masses = rr.Points3D.from_fields(
+        colors=shades(colour, len(mounts)), radii=[0.001] * len(mounts)
+    )
     file.static(f"{base}/motors/masses", masses)
     top, front = robot.height_m - robot.com_height_m, robot.diameter_m / 2.0
     heading = rr.Arrows3D(
         origins=[(0.0, 0.0, top)], vectors=[(front, 0.0, 0.0)], colors=colour, radii=0.001
     )
     file.static(f"{base}/heading", heading)
-    forces = rr.Arrows3D.from_fields(origins=feet, colors=shades(colour, 3), radii=[0.0005] * 3)
+    forces = rr.Arrows3D.from_fields(
+        origins=feet, colors=shades(colour, len(feet)), radii=[0.0005] * len(feet)
+    )
     file.static(f"{base}/contact", forces)
     trail = rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0006])
     file.static(f"/world/{name}/trail", trail)
@@ -291,14 +304,15 @@ class RobotScene:
         burst = round(self._detail.burst_s / self._config.timing.control_period_s)
         rows = np.union1d(sampled.ends(self._pose_periods), sampled.bursts(burst))
         theta = sampled.samples.theta[rows, self._robot]
-        mounts = motor_mounts(self._config.robot, self._config.motor)
-        # At the motor's outer end, where it can be seen; the forces act at the motor's middle.
-        end_m = self._config.robot.motor_radius_m + self._config.robot.motor_length_m / 2.0
+        robot, motor = self._config.robot, self._config.motor
+        mounts, radii = mounts_of(robot), [own.r for own in motors_of(robot, motor)]
         masses = np.empty((len(rows), len(mounts), 3))
-        for motor, mount in enumerate(mounts):
-            masses[:, motor, 0] = -mount.r * mount.sin_phi * np.sin(theta[:, motor])
-            masses[:, motor, 1] = mount.sin_phi * end_m
-            masses[:, motor, 2] = mount.z - mount.r * np.cos(theta[:, motor])
+        for k, (mount, r, angle) in enumerate(zip(mounts, radii, theta.T, strict=True)):
+            hanging, ahead = directions(mount.axis)
+            # At the motor's outer end, where it can be seen; the forces act at its middle.
+            end = np.array(mount.place_m) + 0.5 * robot.motor_length_m * np.array(mount.axis)
+            masses[:, k] = end - (0.0, 0.0, robot.com_height_m)
+            masses[:, k] += r * (np.outer(np.cos(angle), hanging) + np.outer(np.sin(angle), ahead))
         points = rr.Points3D.columns(positions=masses.reshape(-1, 3))
         points = points.partition([len(mounts)] * len(rows))
         times = simulated(sampled.time_s[rows])

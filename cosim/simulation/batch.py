@@ -25,7 +25,6 @@ from cosim.coupling.master import (
 )
 from cosim.coupling.rl_step import SAMPLED, Step
 from cosim.coupling.signals import (
-    MOTORS,
     RawSamples,
     Samples,
     State,
@@ -120,7 +119,8 @@ class Batch:
         self._motors = Motors(fmu, config, columns, sampled=driver == "fmpy")
         self._driver = DRIVERS[driver](self._motors, lanes)
         self._plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
-        self.state = new_state(places, robots, columns)
+        self._sizes = config.robot.motors_count, config.robot.feet_count
+        self.state = new_state(places, robots, columns, *self._sizes)
         self.state.properties[:] = robot_properties(config)[:, None]
         self.episodes: list[RunningEpisode | None] = [None] * places
 
@@ -162,7 +162,7 @@ class Batch:
         state.boards[place], state.cells_m[place] = scenario.size_m, scenario.cell_m
         state.margins_m[place] = floor_margin(config.robot, config.world)
         self._make_room(place, scenario, config)
-        phases = motor_phases(config.world, self.robots)
+        phases = motor_phases(config.world, self.robots, config.robot.motors_count)
         episode = kind(scenario, config, self.state, columns, starts, seed, sampled)
         of_robots = range(columns.start, columns.stop)
         start = self._motors.restart(of_robots, episode.drawn.motors, phases)
@@ -218,13 +218,15 @@ class Batch:
         state.cameras[:, SIGHT] = 0.0
         for (place, episode), count in zip(going_on.items(), frames, strict=True):
             episode.draw_camera(sight[:count, self._columns(place)])
-        noise, sighted = np.zeros((periods, columns, MOTORS)), state._replace(sight=sight)
+        sighted = state._replace(sight=sight)
+        noise = np.zeros((periods, columns, self._sizes[0]))
         for place, episode in going_on.items():
             noise[:, self._columns(place)] = episode.noise.draw(periods)
         stretch = min(-(-periods // -(-self.robots // SAMPLED)), periods)
-        samples = new_samples(stretch, columns)
+        samples = new_samples(stretch, columns, *self._sizes)
         burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
-        raw = new_raw_samples(min(burst, stretch * self.config.ticks_per_period), columns)
+        ticks = min(burst, stretch * self.config.ticks_per_period)
+        raw = new_raw_samples(ticks, columns, *self._sizes)
         begin_s = min(episode.time_s for episode in going_on.values())
         for begin in range(0, periods, stretch):
             state.periods[:] = 0
@@ -265,12 +267,13 @@ class Batch:
     def compile(self) -> None:
         """Compile the kernels, or load them from the cache, by simulating nothing."""
         columns = self.state.bodies.shape[1]
-        noise = np.zeros((0, columns, MOTORS))
-        samples, raw = new_samples(0, columns), new_raw_samples(0, columns)
+        noise = np.zeros((0, columns, self._sizes[0]))
+        samples = new_samples(0, columns, *self._sizes)
+        raw = new_raw_samples(0, columns, *self._sizes)
         self._driver.advance(self._plant, self.state, noise, samples, raw)
         # Arrays without rows would be contiguous, and compile another version.
         still = Measures(np.zeros((columns, 2)), np.zeros(columns), PATH_SAMPLING_S)
-        still.add(new_samples(2, columns))
+        still.add(new_samples(2, columns, *self._sizes))
 
     def get_state(self) -> tuple[Any, ...]:
         """Return a copy of all that changes, for `set_state`; it can be pickled."""

@@ -16,9 +16,10 @@ from cosim.base.arguments import numbers
 from cosim.base.errors import UserError, shorten
 from cosim.coupling.assembly import SpeedNoise, robot_properties
 from cosim.coupling.rl_step import POSES_S, SAMPLED, Decision, Step, decide, sampled_of
-from cosim.coupling.signals import MOTORS, RawSamples, Samples, State
+from cosim.coupling.signals import RawSamples, Samples, State
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import BY_RANK, RUNNING, Outcome
+from cosim.model.params import motors_of
 from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator
 from cosim.onboard.camera import camera_of, draw_sight
@@ -73,7 +74,8 @@ class RunningEpisode:
         self.sampled = sampled_of(n) if sampled is None else sampled
         self._taken: list[tuple[Samples, RawSamples, np.ndarray, np.ndarray, np.ndarray]] = []
         self.scenario, self.config = scenario, config
-        self.drawn = draw_world(config.world, config.motor, n, seed)
+        motors_each = motors_of(config.robot, config.motor)
+        self.drawn = draw_world(config.world, motors_each, n, seed)
         down = gravity(config.world, self.drawn, config.motor.g, config.portable)
         for column, motors in enumerate(self.drawn.motors, columns.start):
             state.properties[:, column] = robot_properties(config, down, motors)
@@ -117,7 +119,8 @@ class RunningEpisode:
         self._bodies, self._commands = state.bodies[:, columns].T, state.commands[columns]
         self._estimates, self._shields = state.estimates[columns], state.shields[columns]
         self._events = state.events[columns]
-        self._speeds = state.outputs[MOTORS : 2 * MOTORS, columns].T
+        motors = self.config.robot.motors_count
+        self._speeds = state.outputs[motors : 2 * motors, columns].T
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the columns, which `bind` gives to a copy."""

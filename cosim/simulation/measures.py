@@ -10,7 +10,7 @@ from itertools import combinations, starmap
 import numpy as np
 
 from cosim.base.jit import kernel
-from cosim.coupling.signals import MOTORS, Samples
+from cosim.coupling.signals import Samples
 from cosim.physics.rotation import heading, wrapped
 
 # Poses this far apart in time make path and rotation: shorter ones would add up the vibration.
@@ -106,7 +106,7 @@ def _add(
             last_rad[i] = facing
         drawn = returned = 0.0
         for k in range(periods - 1, -1, -1):
-            for motor in range(MOTORS):
+            for motor in range(voltage.shape[2]):
                 power = voltage[k, i, motor] * current[k, i, motor]
                 drawn += max(power, 0.0)
                 returned += max(-power, 0.0)

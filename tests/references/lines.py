@@ -43,7 +43,7 @@ def drive_line(
     headings = np.where(np.arange(robots) % 2 == 0, 0.0, math.pi) + sides * angle_rad
     period_s = config.timing.control_period_s
     sequence = np.random.SeedSequence(seed)
-    motors = draw_world(config.world, config.motor, robots, sequence).motors
+    motors = draw_world(config.world, (config.motor,) * 2, robots, sequence).motors
     with Trial(fmu, config, headings, sequence, motors=motors) as trial:
         commands = trial.commands
         commands[:, GOAL_X] = trial.origins_m[:, 0] + length_m

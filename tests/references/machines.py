@@ -31,13 +31,13 @@ class Truth(NamedTuple):
     """
 
     values: np.ndarray
-    motors: tuple[MotorParams, MotorParams]
+    motors: tuple[MotorParams, ...]
 
 
 def draw_machine(seed: np.random.SeedSequence) -> Truth:
     """A machine at random."""
     rng = np.random.default_rng(seed)
-    (motors,) = draw_world(World(motor_spread=MOTOR_SPREAD), TABLE_II, 1, seed).motors
+    (motors,) = draw_world(World(motor_spread=MOTOR_SPREAD), (TABLE_II,) * 2, 1, seed).motors
     drawn = [rng.uniform(low, high) for low, high in RANGES]
     factors = [motor.r / TABLE_II.r for motor in motors]
     return Truth(np.array([*drawn, *factors, 1e-3 * CAMERA.delay_ms]), motors)

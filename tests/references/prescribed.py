@@ -13,12 +13,12 @@ import numpy as np
 from cosim.base.jit import inlined, kernel
 from cosim.model.params import MotorParams, RobotParams
 from cosim.physics.body import stepped
-from cosim.physics.body_state import STATE_SIZE, read_body, standing_state, write_body
+from cosim.physics.body_state import read_body, standing_state, write_body
 from cosim.physics.contact import CONTACT_TOLERANCE
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.lanes import width_of
 from cosim.physics.properties import BodyParams, body_params
-from cosim.physics.rotation import Vector, rotation_matrix
+from cosim.physics.rotation import Vector, plus, rotation_matrix
 
 _ONE = width_of(1)
 
@@ -36,8 +36,7 @@ class Rig(NamedTuple):
     """Constants of a robot's equations of motion, and of its motors D and E."""
 
     body: BodyParams
-    mount_d: MotorMount
-    mount_e: MotorMount
+    mounts: tuple[MotorMount, MotorMount]
 
 
 class MeanMotion(NamedTuple):
@@ -55,23 +54,26 @@ def rig(
     robot: RobotParams, motor: MotorParams, dt_s: float, *, tolerance: float = CONTACT_TOLERANCE
 ) -> Rig:
     """Constants of a robot with its motors D and E; arguments as of `body_params`."""
-    return Rig(body_params(robot, motor, dt_s, tolerance=tolerance), *motor_mounts(robot, motor))
+    mount_d, mount_e = motor_mounts(robot, (motor, motor))
+    return Rig(body_params(robot, motor, dt_s, tolerance=tolerance), (mount_d, mount_e))
 
 
 @kernel
 def drive_wrench(rig: Rig, drive: Drive, tick: int) -> tuple[Vector, Vector]:
     """Force in N and moment in N m of both motors at time tick·dt, body frame, centre of mass."""
     t = tick * rig.body.dt
-    d = motor_wrench(rig.mount_d, drive.theta_d + drive.omega_d * t, drive.omega_d, 0.0)
-    e = motor_wrench(rig.mount_e, drive.theta_e + drive.omega_e * t, drive.omega_e, 0.0)
-    return (d[0] + e[0], 0.0, d[1] + e[1]), (d[2] + e[2], d[3] + e[3], d[4] + e[4])
+    d, e = rig.mounts
+    f, m = motor_wrench(d, d.shaft, drive.theta_d + drive.omega_d * t, drive.omega_d, 0.0)
+    g, n = motor_wrench(e, e.shaft, drive.theta_e + drive.omega_e * t, drive.omega_e, 0.0)
+    return plus(f, 1.0, g), plus(m, 1.0, n)
 
 
 @inlined
 def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vector) -> None:
     """Advance one robot by dt, in place; arguments as of `cosim.physics.body.stepped`."""
-    bodies = state.reshape(STATE_SIZE, 1)
-    write_body(bodies, 0, _ONE, stepped(read_body(bodies, 0, _ONE), params, force, moment))
+    bodies, order = state.reshape(state.size, 1), params.contact.pairing.order
+    before = read_body(bodies, 0, _ONE, order)
+    write_body(bodies, 0, _ONE, order, stepped(before, params, force, moment))
 
 
 @kernel
@@ -88,7 +90,7 @@ def drive_body(
     """Advance a robot by some ticks, in place, with the forces at the end of every tick.
 
     Args:
-        state: shape (STATE_SIZE,), layout in `cosim.physics.body_state`.
+        state: shape (25,), layout in `cosim.physics.body_state`.
         first_tick: ticks done before; time is an integer, so that no rounding accumulates.
         ticks: to do, at least 1.
         means: shape (5,), the fields of `MeanMotion`, overwritten.

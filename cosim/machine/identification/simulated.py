@@ -13,32 +13,31 @@ import numpy as np
 
 from cosim.base.jit import inlined, kernel
 from cosim.coupling.assembly import Motors, SpeedNoise
-from cosim.coupling.signals import MOTORS
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II, MotorParams, RobotParams
 from cosim.physics.body import stepped
 from cosim.physics.body_state import (
-    STATE_SIZE,
     X,
     Y,
     orientation_of,
     read_body,
     standing_state,
+    state_size,
     write_body,
 )
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.lanes import Width, host_lanes, load, width_of
 from cosim.physics.properties import (
     CENTRE,
-    PROPERTIES,
     BodyParams,
     body_params,
     properties_of,
+    properties_size,
     read_mount,
     read_params,
 )
-from cosim.physics.rotation import heading, rotation_matrix
+from cosim.physics.rotation import heading, plus, rotation_matrix
 
 LOOKS_S = 0.005  # between simulated poses, which are interpolated
 REPEATS, WINDOW_S = 8, 5.0  # of simulations with other noise, and over which they drift apart
@@ -194,16 +193,16 @@ def motor_speeds(
     if seed is not None:
         noise = SpeedNoise(config, seed, 1).draw(len(set_points))
     speeds = np.zeros((len(set_points) + 1, 2))
-    inputs, outputs = np.zeros((3 * MOTORS, 1)), np.zeros((3 * MOTORS, 1))
+    inputs, outputs = np.zeros((6, 1)), np.zeros((6, 1))
     motors = Motors(fmu, config, 1)
-    speeds[0] = motors.restart([0], ((config.motor, config.motor),))[MOTORS:, 0]
+    speeds[0] = motors.restart([0], ((config.motor, config.motor),))[2:, 0]
     try:
         for period, wanted in enumerate(set_points):
-            inputs[: 2 * MOTORS, 0] = *wanted, *(noise[period, 0] * abs(wanted))
+            inputs[:4, 0] = *wanted, *(noise[period, 0] * abs(wanted))
             motors.set_inputs(inputs, dt_s)
             motors.step(ticks, dt_s)
             motors.get_outputs(outputs, dt_s)
-            speeds[period + 1] = outputs[MOTORS : 2 * MOTORS, 0]
+            speeds[period + 1] = outputs[2:4, 0]
     finally:
         motors.close()
     return speeds
@@ -231,17 +230,21 @@ def tracks(
     own = np.zeros((len(omega), 2, columns))
     own[:, :, : len(machines)] = omega.reshape(*omega.shape[:2], -1)
     own[:, :, len(machines) :] = own[:, :, :1]
-    bodies, properties = np.zeros((STATE_SIZE, columns)), np.zeros((PROPERTIES, columns))
+    bodies, properties = (
+        np.zeros((state_size(3), columns)),
+        np.zeros((properties_size(3, 2), columns)),
+    )
     shapes = np.zeros((_SHAPE, columns))
     for column, (robot, motor_d, motor_e) in enumerate(padded):
-        mounts = motor_mounts(robot, motor_d)[0], motor_mounts(robot, motor_e)[1]
+        mounts = motor_mounts(robot, (motor_d, motor_e))
         params = body_params(robot, motor_d, dt_s)
-        properties[:, column] = properties_of(params, *mounts)
-        shapes[:, column] = *params.contact.a, params.contact.b[0], mounts[0].y, mounts[0].z
+        properties[:, column] = properties_of(params, mounts)
+        a, _, b = params.contact.feet
+        shapes[:, column] = *a, params.contact.z, b[0], mounts[0].y, mounts[0].z
         bodies[:, column] = standing_state(robot, *params.centre, 0.0)
     seen = np.zeros((1 + (len(omega) - 1) // every, columns, 3))
     common = body_params(machines[0].robot, machines[0].motor_d, dt_s)
-    mount = motor_mounts(machines[0].robot, machines[0].motor_d)[0]
+    mount = motor_mounts(machines[0].robot, machines[0][1:])[0]
     _drive(bodies, properties, shapes, common, mount, own, ticks, seen, every, width_of(lanes))
     seen = seen[:, : len(machines)]
     seen[..., 2] = np.unwrap(seen[..., 2], axis=0)
@@ -269,17 +272,17 @@ def _drive(
         seen: (P // every + 1, B, 3), overwritten from the second row on.
     """
     dt = body.dt
-    share = 1.0 / ticks
+    share, order = 1.0 / ticks, body.contact.pairing.order
     for first in range(0, bodies.shape[1], len(width)):
         x, y = load(shapes, _A, first, width), load(shapes, _A + 1, first, width)
         z, behind = load(shapes, _A + 2, first, width), load(shapes, _B, first, width)
-        feet = ((x, y, z), (behind, 0.0 * y, z), (x, -y, z))
-        params = read_params(properties, first, width, body, feet)
+        feet = ((x, y), (x, -y), (behind, 0.0 * y))
+        params = read_params(properties, first, width, body, feet, z)
         y, z = load(shapes, _D, first, width), load(shapes, _D + 1, first, width)
-        at_d = MotorMount(mount.m, mount.r, mount.J, mount.g, y, z, 1.0)
-        at_e = MotorMount(mount.m, mount.r, mount.J, mount.g, -y, z, -1.0)
-        mount_d = read_mount(properties, 0, first, width, at_d)
-        mount_e = read_mount(properties, 1, first, width, at_e)
+        at_d = MotorMount(mount.m, mount.r, mount.J, mount.g, y, z, 1.0, ())
+        at_e = MotorMount(mount.m, mount.r, mount.J, mount.g, -y, z, -1.0, ())
+        mount_d = read_mount(properties, 0, 2, first, width, at_d)
+        mount_e = read_mount(properties, 1, 2, first, width, at_e)
         omega_d, omega_e = load(omega[0], 0, first, width), load(omega[0], 1, first, width)
         theta_d, theta_e = 0.0 * omega_d, 0.0 * omega_e
         for period in range(omega.shape[0] - 1):
@@ -291,12 +294,11 @@ def _drive(
                 omega_d, omega_e = omega_d + change_d, omega_e + change_e
                 theta_d += dt * (omega_d - 0.5 * change_d)
                 theta_e += dt * (omega_e - 0.5 * change_e)
-                d = motor_wrench(mount_d, theta_d, omega_d, dot_d)
-                e = motor_wrench(mount_e, theta_e, omega_e, dot_e)
-                force = (d[0] + e[0], 0.0, d[1] + e[1])
-                moment = (d[2] + e[2], d[3] + e[3], d[4] + e[4])
-                after = stepped(read_body(bodies, first, width), params, force, moment)
-                write_body(bodies, first, width, after)
+                force, moment = motor_wrench(mount_d, (), theta_d, omega_d, dot_d)
+                f, m = motor_wrench(mount_e, (), theta_e, omega_e, dot_e)
+                force, moment = plus(force, 1.0, f), plus(moment, 1.0, m)
+                after = stepped(read_body(bodies, first, width, order), params, force, moment)
+                write_body(bodies, first, width, order, after)
             omega_d, omega_e = end_d, end_e
             if (period + 1) % every == 0:
                 for column in range(first, first + len(width)):

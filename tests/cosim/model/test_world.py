@@ -13,6 +13,7 @@ from cosim.model.scenario_file import find_in_world, find_scenario
 from cosim.model.world import IDEAL, Drawn, Patch, Sensor, World, draw_world
 from cosim.physics.properties import gravity
 
+PAIR = (TABLE_II, TABLE_II)
 SEED = np.random.SeedSequence(7)
 
 
@@ -39,12 +40,12 @@ def test_worlds_that_cannot_be_are_refused(kind, values, said):
 def test_an_ideal_world_draws_nothing():
     assert not IDEAL.draws
     pair = TABLE_II, TABLE_II
-    assert draw_world(IDEAL, TABLE_II, 2, SEED) == Drawn((pair, pair), 0.0)
+    assert draw_world(IDEAL, PAIR, 2, SEED) == Drawn((pair, pair), 0.0)
     assert CoSimConfig().in_world(IDEAL) == CoSimConfig()
 
 
 def test_motors_differ_as_declared():
-    drawn = draw_world(World(motor_spread=0.1), TABLE_II, 2000, SEED)
+    drawn = draw_world(World(motor_spread=0.1), PAIR, 2000, SEED)
     for name in ("K_T", "R", "J", "r"):
         nominal = getattr(TABLE_II, name)
         factors = np.array([[getattr(m, name) / nominal for m in pair] for pair in drawn.motors])
@@ -57,11 +58,11 @@ def test_motors_differ_as_declared():
 
 def test_draws_are_the_seeds_alone():
     world = World(motor_spread=0.1, floor_tilt_deg=1.0)
-    first = draw_world(world, TABLE_II, 2, SEED)
-    assert draw_world(world, TABLE_II, 2, SEED) == first
+    first = draw_world(world, PAIR, 2, SEED)
+    assert draw_world(world, PAIR, 2, SEED) == first
     assert list(first.table()) == ["r1.D", "r1.E", "r2.D", "r2.E", "floor"]
     assert first.table()["r2.D"]["K_T"] == first.motors[1][0].K_T
-    assert draw_world(world, TABLE_II, 2, np.random.SeedSequence(8)) != first
+    assert draw_world(world, PAIR, 2, np.random.SeedSequence(8)) != first
 
 
 def test_parameters_of_a_world_are_values_of_json():

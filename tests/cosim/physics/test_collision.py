@@ -25,7 +25,7 @@ from tests.alone import CoSimulation, drive
 
 PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots, near=2e-3)
 BODY = body_params(TABLE_I, TABLE_II, TIMING.dt_s)
-PROPERTIES = properties_of(BODY, *motor_mounts(TABLE_I, TABLE_II))
+PROPERTIES = properties_of(BODY, motor_mounts(TABLE_I, (TABLE_II, TABLE_II)))
 RADIUS = TABLE_I.diameter_m / 2.0
 speeds = st.floats(-0.02, 0.02)
 spins = st.floats(-1.0, 1.0)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cosim.model.params import TABLE_I, TABLE_II
 from cosim.physics.forces import motor_force, motor_mounts, motor_wrench, platform_force
 
-D, E = motor_mounts(TABLE_I, TABLE_II)
+D, E = motor_mounts(TABLE_I, (TABLE_II, TABLE_II))
 angles = st.floats(-10.0, 10.0)
 speeds = st.floats(-1500.0, 1500.0)
 accelerations = st.floats(-1e5, 1e5)

@@ -186,7 +186,7 @@ def feel(properties: np.ndarray, bodies: np.ndarray, patches: np.ndarray, common
 @pytest.mark.parametrize("heading", [0.0, 1.0, math.pi])
 def test_every_foot_feels_the_last_patch_that_it_stands_on(heading):
     params = body_params(TABLE_I, TABLE_II, DT, world=HEAVY)
-    column = column_of(params, *motor_mounts(TABLE_I, TABLE_II))[:, None].copy()
+    column = column_of(params, motor_mounts(TABLE_I, (TABLE_II, TABLE_II)))[:, None].copy()
     body = standing_state(TABLE_I, 0.1, 0.2, heading)[:, None]
     patches = np.array(
         [[0.0, 0.0, 0.1, 1.0, 0.3], [0.0, 0.0, 1.0, 0.2, 0.5], [math.inf] * 4 + [math.inf]]
