@@ -15,8 +15,9 @@ import numpy as np
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached
+from cosim.calibration.primitives import find_primitives, steered
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration, load_calibration
-from cosim.calibration.trial import Trial, heading_angles
+from cosim.calibration.trial import Trial, mean_motion
 from cosim.fmi.motor import MotorFmu, with_motor
 from cosim.model.config import CoSimConfig
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
@@ -132,22 +133,9 @@ def measure_batch(
             airborne.append(samples.airborne_share.mean(axis=0))
             lifted.append(samples.lifted_share.mean(axis=0))
             track.append(np.concatenate([samples.position, samples.quaternion], axis=2))
-    poses = np.concatenate(track)
-    angles = heading_angles(poses[:, :, QUATERNION])
-    moved, middle = np.diff(poses[:, :, :2], axis=0), 0.5 * (angles[1:] + angles[:-1])
-    # Library functions: numpy's round otherwise where a processor has wider vectors.
-    c, s = (np.vectorize(function)(middle) for function in (math.cos, math.sin))
-    time_s = len(moved) * period_s
-    return np.column_stack(
-        [
-            np.mean(omega, axis=0),
-            (c * moved[..., 0] + s * moved[..., 1]).sum(axis=0) / time_s,
-            (c * moved[..., 1] - s * moved[..., 0]).sum(axis=0) / time_s,
-            (angles[-1] - angles[0]) / time_s,
-            np.mean(airborne, axis=0),
-            np.mean(lifted, axis=0),
-        ]
-    )
+    motion = mean_motion(np.concatenate(track), period_s)
+    shares = np.mean(airborne, axis=0), np.mean(lifted, axis=0)
+    return np.column_stack([np.mean(omega, axis=0), motion, *shares])
 
 
 def digest(config: CoSimConfig, motor_fmu: Path) -> str:
@@ -190,6 +178,8 @@ def calibrated_slower(
 ) -> CoSimConfig:
     """Return a configuration as `calibrated` does, at most at the largest speed without hopping."""
     config = with_motor(config, motor_fmu)
+    if config.robot.own_layout:
+        return steered(config, find_primitives(config, motor_fmu, progress))
     calibration = find_calibration(config, motor_fmu, progress)
     speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
     calibration.require_motion(config.robot.mu)
@@ -202,4 +192,6 @@ def calibrated_slower(
 def calibrated(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
     """The configuration with the motor speeds that realise its drive speed and turn rate."""
     config = with_motor(config, motor_fmu)
+    if config.robot.own_layout:
+        return steered(config, find_primitives(config, motor_fmu, progress))
     return find_calibration(config, motor_fmu, progress).resolved(config)

@@ -27,7 +27,7 @@ from cosim.model.params import ESTIMATOR, SHIELD, TIMING
 from cosim.model.preset import PAPER
 from cosim.model.world import World
 from cosim.onboard.shield import stopping_gap
-from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
+from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D
 from cosim.physics.body_state import PLANE
 from fmus.build import identity_of_fmu
 
@@ -69,6 +69,7 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
     largest = max(steering.max_speed_rad_s, *speeds) + steering.dither_rad_s
     headings = rng.uniform(-np.pi, np.pi, robots)
     periods_of_ticks, slower = round(_TICKS_S / period_s), _slower(config)
+    shares = np.array(steering.shares)  # of driving and of turning: columns 0 and 4
     with trial_in_world(fmu, config, headings, sequence) as trial:
         trial.lay(corners(config, trial.origins_m, rng))
         first, rest = (trial.ticks(n * config.ticks_per_period) for n in (1, periods_of_ticks))
@@ -81,13 +82,13 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
             before = trial.bodies[PLANE].T.copy()
             while left > 0:
                 # Any two speeds; driving; turning; the largest speeds.
-                speeds = rng.uniform(-largest, largest, (robots, 2))
+                speeds = rng.uniform(-largest, largest, (robots, len(shares)))
                 sign = rng.choice([-1.0, 1.0], (robots, 1))
                 fast = sign * rng.uniform(0.7, 1.0, (robots, 1)) * largest
-                choices = [fast * [-1.0, 1.0], fast * [1.0, 1.0], np.sign(speeds) * largest]
+                choices = [fast * shares[:, 0], fast * shares[:, 4], np.sign(speeds) * largest]
                 for number, chosen in enumerate(choices, 1):
                     speeds = np.where(kind == number, chosen, speeds)
-                trial.commands[:, OMEGA_D], trial.commands[:, OMEGA_E] = speeds.T
+                trial.commands[:, OMEGA_D : OMEGA_D + len(shares)] = speeds
                 same_s = slower * rng.uniform(0.0, _CHANGE_S) + steady_s
                 periods = min(left, 1 + round(same_s / period_s))
                 left, steady_s = left - periods, 0.0

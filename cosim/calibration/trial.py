@@ -5,6 +5,7 @@ array (layout in `cosim.onboard.steering`); the dynamics, the FMUs and the noise
 episode.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -25,7 +26,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import MotorParams, motors_of
 from cosim.model.world import draw_world
 from cosim.onboard.camera import NOISE, camera_of, frames_in_flight
-from cosim.physics.body_state import standing_state
+from cosim.physics.body_state import QUATERNION, standing_state
 from cosim.physics.lanes import host_lanes
 from cosim.physics.properties import gravity
 from cosim.physics.rotation import Vector, headings
@@ -159,6 +160,21 @@ def corners(config: CoSimConfig, origins_m: np.ndarray, rng: np.random.Generator
     patches[:, :, :4] = np.array(quadrants).transpose(2, 0, 1)
     patches[:, :, 4] = rng.choice(pool, (len(x), 4))
     return patches
+
+
+def mean_motion(poses: np.ndarray, period_s: float) -> np.ndarray:
+    """Return mean speeds ahead and to the left in m/s and mean yaw rates in rad/s, (N, 3).
+
+    Args:
+        poses: (n + 1, N, 7) positions and quaternions at the ends of n control periods, and before.
+    """
+    angles = heading_angles(poses[:, :, QUATERNION])
+    moved, middle = np.diff(poses[:, :, :2], axis=0), 0.5 * (angles[1:] + angles[:-1])
+    # Library functions: numpy's round otherwise where a processor has wider vectors.
+    c, s = (np.vectorize(function)(middle) for function in (math.cos, math.sin))
+    ahead = (c * moved[..., 0] + s * moved[..., 1]).sum(axis=0)
+    left = (c * moved[..., 1] - s * moved[..., 0]).sum(axis=0)
+    return np.column_stack([ahead, left, angles[-1] - angles[0]]) / (len(moved) * period_s)
 
 
 def heading_angles(quaternions: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from cosim.model.params import (
     SHIELD,
     TABLE_II,
     MotorParams,
+    level_share,
     motor_names,
     motors_of,
     mounts_of,
@@ -27,7 +28,7 @@ from cosim.model.params import (
 from cosim.model.world import generator
 from cosim.physics.collision import FASTEST_M_S, PairParams
 from cosim.physics.contact import paired
-from cosim.physics.forces import level_share, motor_mounts
+from cosim.physics.forces import motor_mounts
 from cosim.physics.properties import body_params, properties_of
 from cosim.physics.rotation import Vector
 
@@ -60,7 +61,7 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
         ticks_per_step=config.ticks_per_step,
         reaction=config.reaction,
         portable=config.portable,
-        open_loop="motors" in config.open_loop,
+        open_loop=config.voltage_driven,
         volts_per_speed=volts_per_speed,
         friction_volts=friction_volts,
     )
@@ -131,7 +132,7 @@ class Motors:
             sampled: whether the FMU is stepped by whole control periods, and returns samples
                 at the ends of the communication steps in them.
         """
-        if "motors" in config.open_loop:
+        if config.voltage_driven:
             fmu = MotorFmu(fmu.path, open_loop=True)
         self._fmu = fmu
         self._usual = config.motor

@@ -28,7 +28,15 @@ from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.onboard.camera import INTERVAL, update_estimate
 from cosim.onboard.estimation import COVARIANCE, POSE, take_command
 from cosim.onboard.shield import Ground, guard
-from cosim.onboard.steering import HEADING_ERROR, MODE, SPEED, YAW_RATE, steer
+from cosim.onboard.steering import (
+    COURSE,
+    HEADING_ERROR,
+    MODE,
+    SPEED,
+    YAW_RATE,
+    pulse,
+    steer,
+)
 from cosim.physics.body_state import (
     NORMALS,
     Q_W,
@@ -150,11 +158,15 @@ def _steer(plant: Plant, state: State, column: int, period_s: float) -> None:
     """Put the set points of a robot in place by where it thinks it is."""
     command, estimate = state.commands[column], state.estimates[column]
     x, y, angle = estimate[POSE], estimate[POSE + 1], estimate[POSE + 2]
-    set_points = steer(command, x, y, angle, period_s, plant.steering, plant.portable)
-    state.set_points[0, column], state.set_points[1, column] = set_points
+    set_points = state.set_points[:, column]
+    steer(command, x, y, angle, period_s, plant.steering, set_points, plant.portable)
+    driven = False
+    for k in range(len(set_points)):
+        driven = driven or set_points[k] != 0.0
+    if plant.steering.pulse_s > 0.0:
+        pulse(command, period_s, plant.steering, set_points)
     if state.cameras[column, INTERVAL] > 0.0:
-        driven = set_points[0] != 0.0 or set_points[1] != 0.0
-        commanded = command[SPEED], command[YAW_RATE], driven
+        commanded = command[SPEED], command[COURSE], command[YAW_RATE], driven
         take_command(estimate, *commanded, period_s, plant.estimator, plant.portable)
 
 

@@ -4,6 +4,7 @@ Machines, worlds and options are partial trees: values and their sources by the 
 They are merged, later ones over earlier ones, and what comes of that is validated once.
 """
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -23,6 +24,7 @@ MAX_RATIO = 10**9  # of two periods
 # Sources of values.
 UNKNOWN, GIVEN, OF_MOTOR = "unknown", "given", "given by motor_parameters"
 _ROUNDING = 1e-9  # relative, of a period that shall be a multiple of another one
+_STEERING = params.SteeringParams._fields
 _RECORDS = ("robot", "motor", "noise", "timing", "steering", "estimator", "shield")
 
 
@@ -112,47 +114,82 @@ class CoSimConfig:
             whole_ratio(name, timing[name], base, timing[base])
         limit = self.lift_off_rad_s
         for name, speed in self.steering._asdict().items():
-            if name.endswith("_speed_rad_s") and speed >= limit:
+            if name.endswith("_speed_rad_s") and speed >= limit and not self.steering.pulse_s:
                 raise ConfigError(
                     f"{name} = {speed:g} rad/s would make the robot hop; "
                     f"stay below lift-off at {limit:.0f} rad/s"
                 )
 
     def _check_geometry(self) -> None:
-        robot = self.robot
-        inside_m = robot.foot_radius_m / 2.0  # of the triangle of feet
+        robot, steering = self.robot, self.steering
+        if len(steering.shares) != robot.motors_count:
+            raise ConfigError(
+                f"the steering is one of {len(steering.shares)} motors, but the machine has "
+                f"{robot.motors_count}"
+            )
+        if robot.feet or robot.motors:
+            self._check_places()
+        inside_m = math.inf if robot.feet else robot.foot_radius_m / 2.0  # of the triangle of feet
         if not math.hypot(robot.com_x_m, robot.com_y_m) < inside_m:
             raise ConfigError(
                 f"com_x_m = {robot.com_x_m:g} and com_y_m = {robot.com_y_m:g} make the robot fall "
                 f"over; stay less than {inside_m:g} from its axis"
             )
-        payload_kg, offset_mm = 1e-3 * self.world.payload_g, self.world.payload_offset_mm
-        mass_kg = robot.mass_kg + payload_kg
-        moved_m = math.hypot(
-            *(
-                (robot.mass_kg * own_m + 1e-3 * payload_kg * mm) / mass_kg
-                for own_m, mm in zip((robot.com_x_m, robot.com_y_m), offset_mm, strict=True)
-            )
-        )
+        moved_m = math.hypot(*self.centre_of_mass_m)
         if not moved_m < inside_m:
             raise ConfigError(
                 f"world.payload_g = {self.world.payload_g:g} at payload_offset_mm = "
-                f"{list(offset_mm)} moves the centre of mass {1e3 * moved_m:.1f} mm from the "
-                f"robot's axis, which falls over from {1e3 * inside_m:.1f} mm on; give a lighter "
+                f"{list(self.world.payload_offset_mm)} moves the centre of mass "
+                f"{1e3 * moved_m:.1f} mm from the robot's axis, which falls over from "
+                f"{1e3 * inside_m:.1f} mm on; give a lighter "
                 "payload or a smaller offset"
             )
-        for name in ("foot_radius_m", "motor_radius_m"):
-            if getattr(robot, name) >= robot.diameter_m / 2.0:
+        for name, places in (("foot_radius_m", robot.feet), ("motor_radius_m", robot.motors)):
+            if not places and getattr(robot, name) >= robot.diameter_m / 2.0:
                 raise ConfigError(
                     f"{name} = {getattr(robot, name):g} lies outside a robot of diameter_m = "
                     f"{robot.diameter_m:g}; make it less than half of that"
                 )
-        if robot.motor_radius_m <= robot.motor_length_m / 2.0:
+        if not robot.motors and robot.motor_radius_m <= robot.motor_length_m / 2.0:
             raise ConfigError(
                 f"two motors of motor_length_m = {robot.motor_length_m:g} do not fit next to each "
                 f"other at motor_radius_m = {robot.motor_radius_m:g} into a robot of diameter_m = "
                 f"{robot.diameter_m:g}; make the robot larger"
             )
+
+    def _check_places(self) -> None:
+        """Refuse motors and feet outside the body, and feet on which it falls over."""
+        robot, limit_m = self.robot, self.robot.diameter_m / 2.0
+        places = [("foot", foot.x_m, foot.y_m) for foot in robot.feet]
+        places += [("motor", *mount.place_m[:2]) for mount in robot.motors]
+        for name, x, y in places:
+            if math.hypot(x, y) > limit_m:
+                raise ConfigError(
+                    f"a {name} at ({x:g}, {y:g}) m is outside the body of diameter_m = "
+                    f"{robot.diameter_m:g}; move it inwards, or make the body larger"
+                )
+        if not robot.feet:
+            return
+        x, y = self.centre_of_mass_m
+        angles = sorted(math.atan2(foot.y_m - y, foot.x_m - x) for foot in robot.feet)
+        gaps = [b - a for a, b in itertools.pairwise([*angles, angles[0] + 2.0 * math.pi])]
+        if max(gaps) >= math.pi * (1.0 - 1e-6):
+            raise ConfigError(
+                f"the machine falls over: its centre of mass, with the payload at ({1e3 * x:.3g}, "
+                f"{1e3 * y:.3g}) mm from its axis, is not between its {len(robot.feet)} feet; "
+                "move a foot or the centre of mass, or give a lighter payload"
+            )
+
+    @property
+    def centre_of_mass_m(self) -> tuple[float, float]:
+        """Place of the centre of mass with the payload, from the robot's axis."""
+        payload_kg, own_kg = 1e-3 * self.world.payload_g, self.robot.mass_kg
+        own_m = self.robot.com_x_m, self.robot.com_y_m
+        x, y = (
+            (own_kg * own + 1e-3 * payload_kg * mm) / (own_kg + payload_kg)
+            for own, mm in zip(own_m, self.world.payload_offset_mm, strict=True)
+        )
+        return x, y
 
     def merged(self, *trees: Mapping[str, tuple[Any, str]]) -> "CoSimConfig":
         """Return a copy with the values of partial trees and their sources, later ones first."""
@@ -212,6 +249,18 @@ class CoSimConfig:
         return params.lift_off_speed(self.robot._replace(mass_kg=mass_kg), self.motor)
 
     @property
+    def top_speed_rad_s(self) -> float:
+        """Largest set point: below lift-off; where motors are pulsed, what they could reach."""
+        per_speed, friction = params.open_loop_voltage(self.motor)
+        reached = max(0.0, self.motor.V_s_max - friction) / per_speed
+        return reached if self.steering.pulse_s else min(reached, self.lift_off_rad_s)
+
+    @property
+    def voltage_driven(self) -> bool:
+        """Whether motors get voltages instead of set points of Eq. (14)."""
+        return "motors" in self.open_loop or self.steering.pulse_s > 0.0
+
+    @property
     def ticks_per_step(self) -> int:
         """Ticks of dt per communication step."""
         return round(self.timing.communication_step_s / self.timing.dt_s)
@@ -269,6 +318,13 @@ def proportional(steering: params.SteeringParams, share: float) -> Tree:
     """Return a share of the motor speeds of the steering."""
     speeds = {n: share * v for n, v in steering._asdict().items() if n.endswith("_speed_rad_s")}
     return tree_of("computed: in proportion to lift-off", **speeds)
+
+
+def not_calibrated(motors: int) -> Tree:
+    """Return the steering of a machine with motors of its own, which moves none of them."""
+    speeds = dict.fromkeys((n for n in _STEERING if n.endswith("_speed_rad_s")), 0.0)
+    shares = (params.MotorShares(*[0.0] * 7),) * motors
+    return tree_of("not calibrated", **speeds, shares=shares)
 
 
 def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:

@@ -12,6 +12,7 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 
 from msgspec import Meta
 
+MAX_MOTORS, MAX_FEET = 8, 32  # of a machine
 MAX_VALUE = 1e9  # of a parameter in its unit
 Positive = Annotated[float, Meta(gt=0.0, le=MAX_VALUE)]
 Amount = Annotated[float, Meta(ge=0.0, le=MAX_VALUE)]
@@ -119,6 +120,11 @@ class RobotParams(NamedTuple):
     ] = ()
 
     @property
+    def own_layout(self) -> bool:
+        """Whether motors or feet are elsewhere than in Fig. 4b, so that primitives are found."""
+        return bool(self.motors or self.feet)
+
+    @property
     def motors_count(self) -> int:
         """Number of motors."""
         return len(self.motors) or 2
@@ -168,6 +174,30 @@ class TimingParams(NamedTuple):
     burst_s: Annotated[
         Amount, Quantity("s", "a recording's level", "start of an RL step sampled at every tick")
     ] = 0.0
+
+
+class MotorShares(NamedTuple):
+    """What a motor does in each motion primitive of its machine, as a share of the speed of it."""
+
+    # forwards, backwards, leftwards, rightwards: of the speeds of driving
+    forwards: float
+    backwards: float
+    leftwards: float
+    rightwards: float
+    # left_turn, right_turn: of the speed of turning
+    left_turn: float
+    right_turn: float
+    difference: float  # of the difference that turns a driving robot counter-clockwise
+    # dither, turn_dither: of the dither, while driving and while turning
+    dither: float = 0.0
+    turn_dither: float = 0.0
+
+
+# Motors D and E of Fig. 4b, by the signs of Eq. (3); they drive no robot sideways.
+PAIR = (
+    MotorShares(-1.0, 1.0, 0.0, 0.0, 1.0, -1.0, 1.0, 1.0, -1.0),
+    MotorShares(1.0, -1.0, 0.0, 0.0, 1.0, -1.0, 1.0, 1.0, 1.0),
+)
 
 
 class SteeringParams(NamedTuple):
@@ -227,6 +257,17 @@ class SteeringParams(NamedTuple):
     least_lookahead_m: Annotated[
         Positive, Quantity("m", "assumed", "the same close to the end of the line")
     ] = 0.004
+    side_speed_rad_s: Annotated[
+        Amount, Quantity("rad/s", "calibrated", "motor speed while driving sideways; 0: never")
+    ] = 0.0
+    pulse_s: Annotated[
+        Amount, Quantity("s", "the motors run without pause", "time that one motor runs in turn")
+    ] = 0.0
+    pause_s: Annotated[Amount, Quantity("s", "no pause", "time between two of these pulses")] = 0.0
+    shares: Annotated[
+        tuple[MotorShares, ...],
+        Quantity("1", "Eq. (3)", "shares of these speeds of each motor, by motion primitive"),
+    ] = PAIR
 
 
 class EstimatorParams(NamedTuple):
@@ -335,6 +376,11 @@ def mounts_of(robot: RobotParams) -> tuple[Mount, ...]:
     )
 
 
+def level_share(axis: Place) -> float:
+    """Share of gravity that turns a mass about a shaft: the sine of its angle to the vertical."""
+    return math.hypot(axis[0], axis[1])
+
+
 def motors_of(robot: RobotParams, motor: MotorParams) -> tuple[MotorParams, ...]:
     """Parameters of each motor of a robot."""
     return tuple(motor._replace(**dict(mount.own)) for mount in mounts_of(robot))
@@ -370,6 +416,14 @@ def motor_time_constant(motor: MotorParams) -> float:
 
 
 def lift_off_speed(robot: RobotParams, motor: MotorParams) -> float:
-    """Motor speed in rad/s at which both motors in phase lift the robot: 2 m r ω² = (M + 2m) g."""
-    weight = (robot.mass_kg + 2.0 * motor.m) * motor.g
-    return math.sqrt(weight / (2.0 * motor.m * motor.r))
+    """Motor speed in rad/s at which all motors in phase lift the robot: Σ m r ω² = (M + Σ m) g.
+
+    Vertical shafts lift nothing: then the speed that the largest voltage gives.
+    """
+    motors = list(zip(mounts_of(robot), motors_of(robot, motor), strict=True))
+    weight = (robot.mass_kg + sum(own.m for _, own in motors)) * motor.g
+    lifting = sum(own.m * own.r * level_share(mount.axis) for mount, own in motors)
+    if lifting > 0.0:
+        return math.sqrt(weight / lifting)
+    per_speed, friction = open_loop_voltage(motor)
+    return max(0.0, motor.V_s_max - friction) / per_speed

@@ -1,37 +1,57 @@
-"""Presets: the parameters of a machine as a TOML file, checked, found by name, and written.
+"""Presets: machines as TOML files, checked, found by name, and written.
 
-A file says what differs from Tables I and II in the tables `[robot]` (`RobotParams`), `[motor]`
-(`MotorParams`), `[world]` (those of `World` that belong to a machine) and `[world.sensor]`. In
-each, `source` says where its values are from: a text, or a table with a text for each of them; at
-the top of the file it says so of the machine.
+A file says what differs from Tables I and II: in `[body]` (`RobotParams`), `[motor]`
+(`MotorParams`, of all motors), `[drive]` (of the steering), `[world]` (those of `World` that belong
+to a machine) and `[world.sensor]`. Tables `[[motor]]` and `[[foot]]` say where motors and feet are,
+in place of those of Fig. 4b. In each, `source` says where its values are from: a text, or a table
+with a text for each of them; at the top of the file it says so of the machine.
 """
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
+from msgspec import Meta
 
 from cosim.base.arguments import require_names, validate_argument
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, naming, read_toml
 from cosim.base.storage import replacing, require_suffix
-from cosim.model.config import CoSimConfig, proportional
-from cosim.model.params import STEERING, TABLE_I, TABLE_II, MotorParams, RobotParams, lift_off_speed
+from cosim.model.config import CoSimConfig, not_calibrated, proportional
+from cosim.model.params import (
+    MAX_FEET,
+    MAX_MOTORS,
+    STEERING,
+    TABLE_I,
+    TABLE_II,
+    Amount,
+    Foot,
+    MotorParams,
+    Mount,
+    Place,
+    RobotParams,
+    lift_off_speed,
+)
 from cosim.model.scenario import Scenario
-from cosim.model.world import Sensor, parameter_name
+from cosim.model.world import Sensor, Tree, parameter_name
 
 PAPER = "paper"
 # What a machine may state. Other fields of a world are of the table that the machine stands on.
 FIELDS = {
-    "robot": RobotParams._fields,
+    "body": tuple(name for name in RobotParams._fields if name not in ("motors", "feet")),
     "motor": MotorParams._fields,
+    "drive": ("drive_speed_m_s", "turn_rate_rad_s", "pulse_s", "pause_s"),
     "world": ("restitution", "motor_spread", "motor_speed_noise"),
     "world.sensor": Sensor.__struct_fields__,
 }
-_SIZE = ("diameter_m", "foot_radius_m", "motor_radius_m")
+_SIZE = ("diameter_m", "foot_radius_m", "motor_radius_m", "motors", "feet")
+PLANE_M = 1e-6  # heights of feet that differ by less are one: see docs/physics.md
+_FAR_M = 10.0
+_USUAL = TABLE_II._asdict()
 _FOLDER = Path(__file__).parent
 _FILE = Kind("preset file", "check the path")
 
@@ -51,7 +71,8 @@ class Preset(NamedTuple):
     def config(self, *trees: Mapping[str, tuple[Any, str]]) -> CoSimConfig:
         """Parameters of the machine, over which later trees hold first; not yet calibrated.
 
-        Motor speeds of the steering are those of the paper's robot, as shares of lift-off.
+        Motor speeds of the steering are those of the paper's robot, as shares of lift-off. A
+        machine with other motors has none before its calibration.
         """
         tree = {name: leaf for each in (self.tree, *trees) for name, leaf in each.items()}
         robot, motor = (
@@ -62,6 +83,8 @@ class Preset(NamedTuple):
         )
         share = lift_off_speed(robot, motor) / lift_off_speed(TABLE_I, TABLE_II)
         steering = {} if share == 1.0 else proportional(STEERING, share)
+        if robot.own_layout:
+            steering = not_calibrated(robot.motors_count)
         return CoSimConfig(preset=self.name).merged(steering, tree)
 
     def board(self, scenario: Scenario) -> Scenario:
@@ -86,13 +109,28 @@ class Preset(NamedTuple):
     def save(self, path: str | Path) -> None:
         """Write a file that `find_preset` reads: what the machine states, with sources."""
         lines = [f"source = {_text(self.source)}"]
+        own = {name: leaf for name, leaf in self.tree.items() if name not in ("motors", "feet")}
         for table, fields in FIELDS.items():
             names = {field: parameter_name(table, field) for field in fields}
-            own = {field: self.tree[name] for field, name in names.items() if name in self.tree}
-            if own:
-                lines += ["", f"[{table}]", *(f"{n} = {float(v)!r}" for n, (v, _) in own.items())]
-                texts = (f"{name} = {_text(text)}" for name, (_, text) in own.items())
+            stated = {field: own[name] for field, name in names.items() if name in own}
+            if not stated:
+                continue
+            common = table == "motor" and "motors" in self.tree
+            if not common:
+                lines += ["", f"[{table}]", *(f"{n} = {_value(v)}" for n, (v, _) in stated.items())]
+                texts = (f"{name} = {_text(text)}" for name, (_, text) in stated.items())
                 lines += ["", f"[{table}.source]", *texts]
+        mounts, of_motors = self.tree.get("motors", ((), ""))
+        for mount in mounts:
+            values = {n: v for n, (v, _) in own.items() if n in FIELDS["motor"]} | dict(mount.own)
+            values = {"place_m": mount.place_m, "axis": mount.axis, **values}
+            lines += ["", "[[motor]]", f"source = {_text(of_motors)}"]
+            lines += [f"{name} = {_value(value)}" for name, value in values.items()]
+        feet, of_feet = self.tree.get("feet", ((), ""))
+        for foot in feet:
+            lines += ["", "[[foot]]", f"source = {_text(of_feet)}"]
+            lines += [f"place_m = {_value((foot.x_m, foot.y_m))}"]
+            lines += [] if foot.mu is None else [f"mu = {_value(foot.mu)}"]
         with replacing(require_suffix(path, ".toml")) as temporary:
             temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -122,20 +160,42 @@ def find_preset(name_or_path: str | Path | Preset) -> Preset:
     return preset
 
 
+_Component = dict[str, Any]
+
+
 class _File(msgspec.Struct, forbid_unknown_fields=True):
     source: str = ""
-    robot: dict[str, Any] = {}
-    motor: dict[str, Any] = {}
-    world: dict[str, Any] = {}
+    body: _Component = {}
+    motor: _Component | Annotated[list[_Component], Meta(min_length=1, max_length=MAX_MOTORS)] = {}
+    foot: Annotated[list[_Component], Meta(min_length=1, max_length=MAX_FEET)] | None = None
+    drive: _Component = {}
+    world: _Component = {}
+
+
+class _Motor(msgspec.Struct, forbid_unknown_fields=True):
+    place_m: Place
+    axis: Place
+
+
+class _Foot(msgspec.Struct, forbid_unknown_fields=True):
+    place_m: Annotated[list[float], Meta(min_length=2, max_length=3)]
+    mu: Amount | None = None
 
 
 def _preset(name: str, content: dict[str, Any]) -> Preset:
     file = validate_argument("", content, _File)
-    tables = {"robot": file.robot, "motor": file.motor, "world": file.world}
+    tables = {"body": file.body, "drive": file.drive, "world": file.world}
+    tree: Tree = {}
+    if isinstance(file.motor, list):
+        tables["motor"], leaf = _motors(file.motor)
+        tree["motors"] = leaf
+    else:
+        tables["motor"] = file.motor
+    if file.foot is not None:
+        tree["feet"] = _feet(file.foot)
     tables["world.sensor"] = validate_argument(
         "world.sensor", file.world.pop("sensor", {}), dict[str, Any]
     )
-    tree: dict[str, tuple[Any, str]] = {}
     for table, values in tables.items():
         texts = validate_argument(f"{table}.source", values.pop("source", {}), str | dict[str, str])
         texts = dict.fromkeys(values, texts) if isinstance(texts, str) else texts
@@ -146,6 +206,59 @@ def _preset(name: str, content: dict[str, Any]) -> Preset:
             for field, value in values.items()
         }
     return Preset(name, file.source, tree)
+
+
+def _motors(tables: list[_Component]) -> tuple[_Component, tuple[Any, str]]:
+    """Return the parameters of the first motor, and where all are and what differs from these."""
+    sources = [str(table.pop("source", "")) for table in tables]
+    found, common = [], {n: v for n, v in tables[0].items() if n in MotorParams._fields}
+    for k, table in enumerate(tables):
+        where = f"motor[{k}]."
+        require_names(where, table, ("place_m", "axis", *MotorParams._fields))
+        own = {n: table.pop(n) for n in MotorParams._fields if n in table}
+        place = validate_argument(where.rstrip("."), table, _Motor)
+        for value in (*place.place_m, *place.axis):
+            _require_near(where, value)
+        length = math.hypot(*place.axis)
+        if length < 1e-6:
+            raise UserError(f"{where}axis = {list(place.axis)} has no length; give a direction")
+        x, y, z = (value / length for value in place.axis)
+        differs = {n: v for n, v in {**_USUAL, **own}.items() if v != {**_USUAL, **common}[n]}
+        found.append(Mount(place.place_m, (x, y, z), tuple(differs.items())))
+    return common | {"source": sources[0] or "preset"}, (tuple(found), _joined(sources))
+
+
+def _feet(tables: list[_Component]) -> tuple[Any, str]:
+    """Return where the feet are."""
+    sources = [str(table.pop("source", "")) for table in tables]
+    feet = [validate_argument(f"foot[{k}]", table, _Foot) for k, table in enumerate(tables)]
+    heights = [foot.place_m[2] if len(foot.place_m) == 3 else 0.0 for foot in feet]
+    for foot in feet:
+        for value in foot.place_m:
+            _require_near("foot.place_m", value)
+    if max(heights) - min(heights) > PLANE_M or abs(heights[0]) > PLANE_M:
+        raise UserError(
+            f"feet stand {1e6 * min(heights):g} to {1e6 * max(heights):g} µm above the floor; all "
+            f"must be at 0, within {1e6 * PLANE_M:g} µm: a foot that is shorter carries nothing"
+        )
+    places = tuple(Foot(foot.place_m[0], foot.place_m[1], foot.mu) for foot in feet)
+    return places, _joined(sources)
+
+
+def _require_near(where: str, value: float) -> None:
+    if not abs(value) <= _FAR_M:
+        raise UserError(f"{where} has {value:g}; give numbers of at most {_FAR_M:g} (SI units)")
+
+
+def _joined(sources: list[str]) -> str:
+    return "; ".join(dict.fromkeys(filter(None, sources))) or "the machine's file"
+
+
+def _value(value: Any) -> str:
+    """A number, or numbers, as TOML has them."""
+    if isinstance(value, (tuple, list)):
+        return f"[{', '.join(map(_value, value))}]"
+    return repr(float(value))
 
 
 def _text(text: str) -> str:

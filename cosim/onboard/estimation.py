@@ -100,13 +100,14 @@ def odometry(estimate: np.ndarray, at: int = ODOMETRY) -> Commanded:
 def take_command(
     estimate: np.ndarray,
     speed: float,
+    course: float,
     yaw_rate: float,
     driven: bool,
     seconds: float,
     params: EstimatorParams,
     portable: bool = False,
 ) -> None:
-    """Add up the commanded motion of a control period: m/s along the heading, rad/s, and s.
+    """Add up the commanded motion of a control period: m/s, rad from the heading, rad/s, and s.
 
     `driven` says whether a motor has a set point.
     """
@@ -116,7 +117,7 @@ def take_command(
     x, y, heading = _pose(estimate, ODOMETRY)
     # by the heading in the middle: exact to third order
     middle = heading + 0.5 * yaw_rate * seconds
-    s, c = sine_and_cosine(middle, portable)
+    s, c = sine_and_cosine(middle + course, portable)
     x += speed * seconds * c
     y += speed * seconds * s
     _put(estimate, ODOMETRY, (x, y, heading + yaw_rate * seconds))

@@ -3,12 +3,11 @@
 Angles θ grow from the hanging position. Kernels are stateless and take scalars.
 """
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from cosim.base.jit import inlined, unrolled
-from cosim.model.params import MotorParams, RobotParams, mounts_of
+from cosim.model.params import MotorParams, RobotParams, level_share, mounts_of
 from cosim.physics.rotation import Vector, cross, plus
 from cosim.physics.trig import sine_cosine
 
@@ -50,11 +49,6 @@ def motor_mounts(robot: RobotParams, motors: Sequence[MotorParams]) -> tuple[Mot
         shaft = () if along_y else (Shaft(*directions(mount.axis), mount.axis, x),)
         found.append(MotorMount(own.m, own.r, own.J, own.g, y, z, sine, shaft))
     return tuple(found)
-
-
-def level_share(axis: Vector) -> float:
-    """Share of gravity that turns a mass about a shaft: the sine of its angle to the vertical."""
-    return math.hypot(axis[0], axis[1])
 
 
 def directions(axis: Vector) -> tuple[Vector, Vector]:

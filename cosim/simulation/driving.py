@@ -17,7 +17,7 @@ from cosim.coupling.rl_step import Decision, Step
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.onboard.estimation import POSE
-from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
+from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import SimulationOptions
 
@@ -122,11 +122,11 @@ class DrivenEpisode(RunningEpisode):
         return step
 
     def _directions(self, action: Any) -> np.ndarray:
-        n = self.scenario.robots
-        if (set_points := numbers(action, (n, 2))) is None:
+        n, motors = self.scenario.robots, self.config.robot.motors_count
+        if (set_points := numbers(action, (n, motors))) is None:
             raise UserError(
-                f"the policy returned {shorten(action)}; expected {n} x 2 finite numbers, the set "
-                "points of motors D and E of each robot in rad/s"
+                f"the policy returned {shorten(action)}; expected {n} x {motors} finite numbers, "
+                "the set points of each robot's motors in rad/s"
             )
         fastest, limit = float(np.abs(set_points).max()), self.config.lift_off_rad_s
         if fastest >= limit:
@@ -138,7 +138,7 @@ class DrivenEpisode(RunningEpisode):
         return set_points
 
     def _adopt(self, action: np.ndarray) -> np.ndarray:
-        self._commands[:, OMEGA_D : OMEGA_E + 1] = action
+        self._commands[:, OMEGA_D : OMEGA_D + action.shape[1]] = action
         self._commands[:, MODE] = np.where(self._arrived, HOLD, DIRECT)
         return np.zeros(len(action), dtype=bool)  # none of them decided on a move
 

@@ -199,13 +199,13 @@ WORLDS: dict[str, tuple[Content, str]] = {
     "another type": ("[world]\nmu = [1]", r"world\.mu"),
 }  # fmt: skip
 PRESETS: dict[str, tuple[Content, str]] = {
-    "an unknown key": ("[robot]\ncolour = 1", "robot.colour is unknown"),
+    "an unknown key": ("[body]\ncolour = 1", "body.colour is unknown"),
     "another type": ('[motor]\nJ = "much"', "J = 'much' is invalid"),
-    "an infinite mass": ("[robot]\nmass_kg = inf", "mass_kg = inf is invalid"),
-    "a mass beyond all floats": (f"[robot]\nmass_kg = 0x{'f' * 400}", "mass_kg"),
-    "a robot of nothing": ("[robot]\ndiameter_m = 1e-320", "diameter_m"),
-    "a heavy robot": ("[robot]\nmass_kg = 1e300", "mass_kg"),
-    "a date": ("[robot]\nmass_kg = 2001-01-01", "mass_kg = .* is invalid"),
+    "an infinite mass": ("[body]\nmass_kg = inf", "mass_kg = inf is invalid"),
+    "a mass beyond all floats": (f"[body]\nmass_kg = 0x{'f' * 400}", "mass_kg"),
+    "a robot of nothing": ("[body]\ndiameter_m = 1e-320", "diameter_m"),
+    "a heavy robot": ("[body]\nmass_kg = 1e300", "mass_kg"),
+    "a date": ("[body]\nmass_kg = 2001-01-01", "mass_kg = .* is invalid"),
 }
 LONG = "[learning]\nepisodes = 1000000000\n"
 SETTINGS: dict[str, tuple[Content, str]] = {

@@ -10,7 +10,7 @@ import pytest
 from cosim.calibration.measuring import Point, digest, measure_batch
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.params import SHIELD
+from cosim.model.params import PAIR, SHIELD, Foot, Mount
 from cosim.model.world import Patch, Sensor, World
 from cosim.simulation.batch import shared
 
@@ -53,6 +53,10 @@ def another(name: str, value: Any) -> Any:
         "sources": (("mu", "elsewhere"),),
         "motor_parameters": (("L", 1e-5),),
         "motor_fmu": "another",
+        "robot.inertia_kg_m2": (1e-5, 1e-5, 2e-5),
+        "robot.motors": (Mount((0.0, 0.01, 0.003), (1.0, 0.0, 0.0)),) * 2,
+        "robot.feet": (Foot(0.02, 0.0), Foot(-0.01, 0.01), Foot(-0.01, -0.01)),
+        "steering.shares": PAIR[::-1],
     }
     if name in given:
         return given[name]

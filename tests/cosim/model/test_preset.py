@@ -15,7 +15,7 @@ from cosim.simulation.options import Physics, SimulationOptions
 
 WHOLE = """
 source = "a machine"
-[robot]
+[body]
 mass_kg = 0.2
 [motor]
 K_T = 4e-4
@@ -25,7 +25,7 @@ restitution = 0.2
 motor_speed_noise = 0.1
 [world.sensor]
 rate_hz = 30
-[robot.source]
+[body.source]
 mass_kg = "weighed"
 """
 
@@ -64,7 +64,7 @@ def test_a_file_says_what_differs_and_where_it_is_from(written):
 
 
 def test_a_light_machine_needs_no_other_steering(written):
-    assert find_preset(written("[robot]\nmass_kg = 0.03")).config().lift_off_rad_s < 700.0
+    assert find_preset(written("[body]\nmass_kg = 0.03")).config().lift_off_rad_s < 700.0
 
 
 def test_saved_and_read_again(written, tmp_path):
@@ -119,7 +119,7 @@ def test_sources_are_those_of_the_values(written):
 @pytest.mark.parametrize("size", ["diameter_m = 0.04", "foot_radius_m = 0.022"])
 def test_a_machine_has_its_size_on_every_board(written, size):
     feet = "" if "foot" in size else "\nfoot_radius_m = 0.018\nmotor_radius_m = 0.016"
-    machine = find_preset(written(f"[robot]\n{size}{feet}"))
+    machine = find_preset(written(f"[body]\n{size}{feet}"))
     board, robot = machine.board(find_scenario("1a")), machine.config().robot
     assert board.diameter_m == robot.diameter_m
     assert board.squared_contact == round((100 * robot.diameter_m) ** 2)
@@ -132,7 +132,7 @@ def test_a_machine_has_its_size_on_every_board(written, size):
 
 
 def test_a_stated_size_is_kept_where_it_is_that_of_the_paper(written):
-    machine = find_preset(written("[robot]\ndiameter_m = 0.05"))
+    machine = find_preset(written("[body]\ndiameter_m = 0.05"))
     with pytest.raises(UserError, match="preset mine states diameter_m"):
         machine.board(replace(find_scenario("1a"), robot_diameter_m=0.04))
 
@@ -140,22 +140,22 @@ def test_a_stated_size_is_kept_where_it_is_that_of_the_paper(written):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[robot]\nmuu = 1", "robot.muu is unknown; choose one of mass_kg"),
-        ("[steering]\ngain = 1", "steering is unknown; choose one of source, robot"),
+        ("[body]\nmuu = 1", "body.muu is unknown; choose one of mass_kg"),
+        ("[steering]\ngain = 1", "steering is unknown; choose one of source, body"),
         ("[world]\nmu = 0.2", "world.mu is unknown; choose one of restitution"),
-        ("[robot]\nmass_kg = 'x'", "robot.mass_kg = 'x' is invalid: expected float"),
-        ("[robot]\nmass_kg = 0", "mass_kg = 0 is invalid: expected float > 0"),
+        ("[body]\nmass_kg = 'x'", "robot.mass_kg = 'x' is invalid: expected float"),
+        ("[body]\nmass_kg = 0", "mass_kg = 0 is invalid: expected float > 0"),
         ("[motor]\nr = 0", "r = 0 is invalid: expected float > 0"),
-        ("[robot]\nmu = nan", "mu = nan is invalid"),
-        ("[robot]\nfoot_radius_m = 0.03", "foot_radius_m = 0.03 lies outside"),
+        ("[body]\nmu = nan", "mu = nan is invalid"),
+        ("[body]\nfoot_radius_m = 0.03", "foot_radius_m = 0.03 lies outside"),
         (
             "[world]\nrestitution = 2",
             "world.restitution = 2 is invalid: expected float <= 1.0; give 0 to 1",
         ),
         ("[world.sensor]\ndelay_ms = 2", "world.sensor.delay_ms has no effect without a camera"),
-        ("robot = 3", "robot = 3 is invalid: expected table"),
-        ("[robot]\nsource = 3", "robot.source = 3 is invalid: expected str"),
-        ("[robot.source]\nmu = 'x'", "robot.source.mu is unknown"),
+        ("body = 3", "body = 3 is invalid: expected table"),
+        ("[body]\nsource = 3", "body.source = 3 is invalid: expected str"),
+        ("[body.source]\nmu = 'x'", "body.source.mu is unknown"),
         ("mu = ", "not a TOML file"),
     ],
 )

@@ -39,7 +39,7 @@ def drive(sensor: Sensor, params: EstimatorParams, noise: EstimatorParams, seed=
         cameras.update_estimate(camera, frames, estimate, sight, (x, y, heading), params)
         rows.append(np.concatenate([(x, y, heading), estimate[POSE : COVARIANCE + 9]]))
         speed, yaw_rate = 5e-3, 0.3
-        estimation.take_command(estimate, speed, yaw_rate, True, PERIOD_S, params)
+        estimation.take_command(estimate, speed, 0.0, yaw_rate, True, PERIOD_S, params)
         middle = heading + 0.5 * yaw_rate * PERIOD_S
         spread = np.sqrt(PERIOD_S * np.array([noise.position_drift_m2_s] * 2))
         dx, dy = spread * rng.standard_normal(2)
@@ -129,7 +129,7 @@ def test_an_estimate_is_the_textbooks_of_the_frames_that_have_arrived(sensor):
         if now % 200 == 0:
             speed, yaw_rate, driven = rng.normal() * 5e-3, rng.normal(), now % 400 == 0
             speed, yaw_rate = speed * driven, yaw_rate * driven
-        estimation.take_command(estimate, speed, yaw_rate, driven, PERIOD_S, ESTIMATOR)
+        estimation.take_command(estimate, speed, 0.0, yaw_rate, driven, PERIOD_S, ESTIMATOR)
         still_s = 0.0 if driven else still_s + PERIOD_S
         x, y, heading, driving_s = commanded[now]
         middle = heading + 0.5 * yaw_rate * PERIOD_S
@@ -195,7 +195,7 @@ def test_a_robot_that_stands_is_known_better_with_every_frame():
         cameras.update_estimate(camera, frames, estimate, sight, (0.1, 0.2, 0.5), ESTIMATOR)
         variance.append(estimate[COVARIANCE])
         driven = 1000 <= period < 2000
-        estimation.take_command(estimate, 0.0, 0.0, driven, PERIOD_S, ESTIMATOR)
+        estimation.take_command(estimate, 0.0, 0.0, 0.0, driven, PERIOD_S, ESTIMATOR)
     frame, settled = (1e-3 * ROUGH.position_noise_mm) ** 2, 1000 * ESTIMATOR.settle_s
     assert variance[999] == pytest.approx(frame / 30, rel=0.1)  # of as many frames in a second
     assert max(variance[1100:2000]) > 2.0 * variance[999]

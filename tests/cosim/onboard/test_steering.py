@@ -36,7 +36,9 @@ def command(direction=0.0, mode=START, x=1.0, y=0.0):
 
 
 def steer(row, x, y, heading, params=STEADY):
-    return steering.steer(row, x, y, heading, PERIOD_S, params)
+    set_points = np.empty(2)
+    steering.steer(row, x, y, heading, PERIOD_S, params, set_points)
+    return tuple(set_points.tolist())
 
 
 FORWARDS, TURNING = STEERING.forward_speed_rad_s, STEERING.turn_speed_rad_s

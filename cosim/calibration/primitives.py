@@ -1,0 +1,281 @@
+"""Motion primitives of a machine: the set points of its motors that drive and turn it.
+
+They are found, not given. Robots drive at random set points, many at once; the best ones for each
+primitive are refined by linear fits to small changes of them, which also say what turns a driving
+robot. Nothing is assumed of the places of motors and feet.
+"""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from cosim.base.errors import UserError
+from cosim.base.progress import Progress, silent
+from cosim.base.provenance import digest_of
+from cosim.base.storage import cache_dir, cached, write_json
+from cosim.calibration.trial import Trial, mean_motion
+from cosim.fmi.motor import MotorFmu
+from cosim.model.config import CoSimConfig
+from cosim.model.params import MotorShares
+from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
+from cosim.physics.body_state import QUATERNION
+from fmus.build import identity_of_fmu
+
+VERSION = 1  # of primitives: raise it when their bits change
+
+# Directions (ahead, left, counter-clockwise) of the primitives.
+DIRECTIONS = {
+    "forwards": (1.0, 0.0, 0.0),
+    "backwards": (-1.0, 0.0, 0.0),
+    "leftwards": (0.0, 1.0, 0.0),
+    "rightwards": (0.0, -1.0, 0.0),
+    "left turn": (0.0, 0.0, 1.0),
+    "right turn": (0.0, 0.0, -1.0),
+}
+DRIVES = tuple(DIRECTIONS)[:4]
+LIBRARY, LIBRARY_S = 512, 2.0  # random set points, and how long each is driven
+SETTLE_S = 0.5
+FASTEST = 0.97  # set point, as a share of the largest speed
+SLOWEST, FAST = 0.5, 0.9  # the slowest of one half of the library and of the other, over that
+OFF_SHARE = 0.25  # of its motors that have none
+CHANGES, CHANGES_S = 32, 3.0  # around the best set points
+SPREADS = (0.06, 0.02, 0.01)  # of these changes, as shares of the largest speed, round by round
+REPEATS, REPEATS_S = 12, 5.0  # with other noise, of what is found
+_STUDENT = 2.201  # 97.5 % quantile with 11 degrees of freedom
+STARTS = 6  # set points of the library that are tried for longer, for each primitive
+ASIDE = 2.0  # what a motion aside costs, over what one ahead is worth
+TURNING_1_S = 2.0  # assumed: yaw rate of a driving robot per heading error, as the paper's has it
+LARGEST_SHARE = 0.1  # of the largest speed: bound on the difference that turns a driving robot
+LEAST_M_S, LEAST_RAD_S = 5e-5, 0.005  # below, a machine counts as not moving
+
+
+class Primitive(msgspec.Struct, frozen=True):
+    """A motion primitive, and how well it repeats itself.
+
+    Attributes:
+        set_points_rad_s: of the motors.
+        mean: speeds ahead and to the left in m/s, yaw rate in rad/s.
+        spread: standard deviations of these between drives of REPEATS_S.
+        airborne_share: largest share of time without a foot on the floor.
+        difference: change of the set points that turns the robot counter-clockwise and changes
+            nothing else, its largest part 1.
+        yaw_gain: yaw rate that 1 rad/s of it gives.
+    """
+
+    set_points_rad_s: tuple[float, ...]
+    mean: tuple[float, float, float]
+    spread: tuple[float, float, float]
+    airborne_share: float
+    difference: tuple[float, ...]
+    yaw_gain: float
+
+    @property
+    def half_widths(self) -> np.ndarray:
+        """Half widths of 95 % intervals of the means."""
+        return _STUDENT * np.array(self.spread) / math.sqrt(REPEATS)
+
+
+class _Search:
+    """Drives of one machine."""
+
+    def __init__(self, config: CoSimConfig, fmu: MotorFmu) -> None:
+        self.config, self._fmu = config, fmu
+        self.top = FASTEST * config.top_speed_rad_s
+        self.reach_m = 0.5 * config.robot.diameter_m
+        self._drives = 0
+
+    def drive(self, set_points: np.ndarray, seconds: float) -> np.ndarray:
+        """Drive robots at their set points (T, N).
+
+        Returns:
+            (T, 4) mean speeds ahead and to the left and yaw rate times the robot's radius, all in
+            m/s, and the share of time in the air.
+        """
+        config, period_s = self.config, self.config.timing.control_period_s
+        self._drives += 1
+        seed = np.random.SeedSequence(0, spawn_key=(self._drives,))
+        with Trial(self._fmu, config, np.zeros(len(set_points)), seed) as trial:
+            trial.commands[:, MODE] = DIRECT
+            trial.commands[:, OMEGA_D : OMEGA_D + set_points.shape[1]] = set_points
+            trial.advance(round(SETTLE_S / period_s))
+            before = trial.bodies[: QUATERNION.stop].T[None].copy()
+            samples = trial.advance(round(seconds / period_s))
+        track = np.concatenate([samples.position, samples.quaternion], axis=2)
+        motion = mean_motion(np.concatenate([before, track]), period_s)
+        motion[:, 2] *= self.reach_m
+        return np.column_stack([motion, samples.airborne_share.mean(axis=0)])
+
+    def score(self, motion: np.ndarray, towards: np.ndarray) -> np.ndarray:
+        """Speed in a direction less ASIDE times that in the others; hopping counts as standing."""
+        along = motion[:, :3] @ towards
+        aside = np.abs(motion[:, :3] - np.outer(along, towards)).sum(axis=1)
+        hops = (motion[:, 3] > 0.0) & (self.config.steering.pulse_s == 0.0)
+        return np.where(hops, -1.0, along - ASIDE * aside)
+
+    def refined(self, best: np.ndarray, towards: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Better set points near some, and slopes (4, N) of a fit: motion and air by set point."""
+        rng = np.random.default_rng(len(best))
+        moving = best != 0.0
+        slopes = np.zeros((4, len(best)))
+        for spread in SPREADS:
+            changes = spread * self.top * rng.standard_normal((CHANGES, len(best))) * moving
+            tried = np.clip(best + changes, -self.top, self.top)
+            tried[0] = best
+            motion = self.drive(tried, CHANGES_S)
+            design = np.column_stack([np.ones(CHANGES), (tried - best)[:, moving]])
+            fit = np.linalg.lstsq(design, motion, rcond=None)[0]
+            fitted = np.zeros_like(slopes)
+            fitted[:, moving] = fit[1:].T
+            slopes = fitted if spread == SPREADS[0] else slopes  # of large changes: the surest
+            # What the fit says has no motion aside, as near as can be; and a step ahead of it.
+            across = np.eye(3) - np.outer(towards, towards)
+            constraint, offset = across @ fitted[:3], across @ fit[0, :3]
+            cure = -np.linalg.pinv(constraint, rcond=1e-3) @ offset
+            ahead = towards @ fitted[:3]
+            ahead = ahead - np.linalg.pinv(constraint, rcond=1e-3) @ (constraint @ ahead)
+            ahead *= spread * self.top / max(float(np.abs(ahead).max()), 1e-30)
+            candidates = np.clip(
+                [best + cure, best + cure + ahead, best + 0.5 * cure, *tried], -self.top, self.top
+            )
+            measured = np.concatenate([self.drive(candidates[:3], CHANGES_S), motion])
+            best = candidates[int(self.score(measured, towards).argmax())]
+        return best, slopes
+
+    def primitive(self, set_points: np.ndarray, slopes: np.ndarray) -> Primitive:
+        """Measure what set points do, again and again."""
+        motion = self.drive(np.tile(set_points, (REPEATS, 1)), REPEATS_S)
+        motion[:, 2] /= self.reach_m
+        turning = np.linalg.pinv(slopes[:3], rcond=1e-3) @ (0.0, 0.0, self.reach_m)
+        largest = max(float(np.abs(turning).max()), 1e-30)
+        mean, spread = motion[:, :3].mean(axis=0), motion[:, :3].std(axis=0, ddof=1)
+        return Primitive(
+            tuple(np.round(set_points, 1).tolist()),
+            tuple(mean.tolist()),
+            tuple(spread.tolist()),
+            float(motion[:, 3].max()),
+            tuple((turning / largest).tolist()),
+            1.0 / largest,
+        )
+
+
+def search(
+    config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
+) -> dict[str, Primitive]:
+    """Find the primitives of a machine: what it can do of DIRECTIONS, else its best try."""
+    run, motors = _Search(config, MotorFmu(motor_fmu)), config.robot.motors_count
+    rng = np.random.default_rng(0)
+    least = np.where(np.arange(LIBRARY) % 2, SLOWEST, FAST)[:, None]
+    sizes = rng.uniform(least, 1.0, (LIBRARY, motors))
+    library = run.top * sizes * rng.choice((-1.0, 1.0), sizes.shape)
+    if motors > 1:
+        library[rng.random(sizes.shape) < OFF_SHARE] = 0.0
+    task, rounds = "finding motion primitives", 1 + len(DIRECTIONS)
+    progress(task, 0, rounds)
+    motion = run.drive(library, LIBRARY_S)
+    found = {}
+    for number, (name, direction) in enumerate(DIRECTIONS.items(), 1):
+        progress(task, number, rounds)
+        towards = np.array(direction)
+        # Set points that do the opposite are good ones, too, with all signs changed.
+        best = [np.argsort(run.score(motion, way))[-STARTS:] for way in (towards, -towards)]
+        starts = np.concatenate([library[best[0]], -library[best[1]]])
+        best = starts[int(run.score(run.drive(starts, CHANGES_S), towards).argmax())]
+        found[name] = run.primitive(*run.refined(best, towards))
+    progress(task, rounds, rounds)
+    return found
+
+
+def find_primitives(
+    config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
+) -> dict[str, Primitive]:
+    """The primitives of a configuration: found in the cache, or searched for and kept there."""
+    timing, steering = config.timing, config.steering
+    clock = timing.dt_s, timing.communication_step_s, timing.control_period_s
+    world = config.world.restitution or 0.0, config.world.payload_g, config.world.payload_offset_mm
+    pulses, fmu = (steering.pulse_s, steering.pause_s), identity_of_fmu(motor_fmu)
+    further = config.motor_parameters, config.noise, config.reaction, config.open_loop
+    key = digest_of(config.robot, config.motor, clock, world, pulses, fmu, further, VERSION)
+    return cached(
+        cache_dir("calibrations") / f"{key}.json",
+        lambda path: msgspec.json.decode(path.read_bytes(), type=dict[str, Primitive]),
+        lambda: search(config, motor_fmu, progress),
+        lambda found, path: write_json(path, found),
+    )
+
+
+def able(primitive: Primitive, name: str, reach_m: float) -> bool:
+    """Return whether a primitive mainly moves the robot in its direction."""
+    towards = np.array(DIRECTIONS[name])
+    mean = np.array(primitive.mean) * (1.0, 1.0, reach_m)
+    along = float(mean @ towards)
+    aside = float(np.abs(mean - along * towards).max())
+    least = LEAST_M_S if name in DRIVES else LEAST_RAD_S * reach_m
+    return along > max(least, 2.0 * aside)
+
+
+def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
+    """Return a configuration whose steering has the primitives of its machine.
+
+    Raises a UserError if the machine cannot drive ahead and back, or cannot turn both ways.
+    """
+    reach_m = 0.5 * config.robot.diameter_m
+    can = {name for name, primitive in found.items() if able(primitive, name, reach_m)}
+    if not {"left turn", "right turn", "forwards", "backwards"} <= can:
+        raise UserError(cannot(found, can))
+    for name in ("drive_speed_m_s", "turn_rate_rad_s"):
+        if name in dict(config.sources):
+            raise UserError(
+                f"{name} has no effect on a machine with motors or feet of its own, which drives "
+                "at the speeds that its primitives have; leave it out"
+            )
+    sideways = {"leftwards", "rightwards"} <= can
+    none = np.zeros(config.robot.motors_count)
+    drives = [n for n in DRIVES if n in can and (sideways or n in ("forwards", "backwards"))]
+    speeds = {n: float(np.abs(found[n].set_points_rad_s).max()) for n in DIRECTIONS}
+    turn_speed = max(speeds["left turn"], speeds["right turn"])
+    side_speed = max(speeds["leftwards"], speeds["rightwards"]) if sideways else 0.0
+    of_speed = {"leftwards": side_speed, "rightwards": side_speed} | dict.fromkeys(
+        ("left turn", "right turn"), turn_speed
+    )
+
+    def shares(name: str) -> np.ndarray:
+        if name not in can or (name in ("leftwards", "rightwards") and not sideways):
+            return none
+        return np.array(found[name].set_points_rad_s) / of_speed.get(name, speeds[name])
+
+    ahead = found["forwards"]
+    rows = zip(*(shares(name) for name in DIRECTIONS), ahead.difference, strict=True)
+    speed_m_s = np.mean([abs(np.array(found[n].mean) @ DIRECTIONS[n]) for n in drives])
+    rate = np.mean([abs(found[n].mean[2]) for n in ("left turn", "right turn")])
+    top = FASTEST * config.top_speed_rad_s
+    return config.having(
+        "found, see docs/steering.md",
+        shares=tuple(MotorShares(*map(float, row)) for row in rows),
+        forward_speed_rad_s=speeds["forwards"],
+        backward_speed_rad_s=speeds["backwards"],
+        side_speed_rad_s=side_speed,
+        turn_speed_rad_s=turn_speed,
+        max_speed_rad_s=top,
+        drive_speed_m_s=float(speed_m_s),
+        turn_rate_rad_s=float(rate),
+        yaw_gain=ahead.yaw_gain,
+        heading_gain_1_s=TURNING_1_S / ahead.yaw_gain,
+        max_difference_rad_s=LARGEST_SHARE * top,
+        dither_rad_s=0.0,
+    )
+
+
+def cannot(found: dict[str, Primitive], can: Sequence[str] | set[str]) -> str:
+    """Return the message that refuses a machine which cannot navigate."""
+    lacking = [name for name in DIRECTIONS if name not in can and name not in DRIVES[2:]]
+    best = max(found.values(), key=lambda p: math.hypot(*p.mean[:2]))
+    speed, rate = 1e3 * math.hypot(*best.mean[:2]), math.degrees(best.mean[2])
+    return (
+        f"this machine cannot steer: found nothing for {', '.join(lacking)}; its best motion is "
+        f"{speed:.2f} mm/s with {rate:+.1f} °/s at set points "
+        f"{', '.join(f'{value:.0f}' for value in best.set_points_rad_s)} rad/s; change motors or "
+        "feet, or simulate it with a drive policy"
+    )
