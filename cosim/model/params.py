@@ -7,7 +7,6 @@ SI units and radians throughout. Records are NamedTuples because numba kernels r
 """
 
 import math
-import string
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 from msgspec import Meta
@@ -363,8 +362,13 @@ def describe(record: Any) -> dict[str, tuple[Any, Quantity]]:
 
 
 def motor_names(motors: int) -> str:
-    """Return a letter for each motor of a robot: D and E as in the paper, else from A on."""
-    return "DE" if motors == 2 else string.ascii_uppercase[:motors]
+    """Return a letter for each motor of a robot, from D on as in the paper."""
+    return "DEFGHIJK"[:motors]
+
+
+def feet_names(feet: int) -> tuple[str, ...]:
+    """Return a name for each foot of a robot: A, B and C as in the paper, else F1 and so on."""
+    return ("A", "B", "C") if feet == 3 else tuple(f"F{foot + 1}" for foot in range(feet))
 
 
 def mounts_of(robot: RobotParams) -> tuple[Mount, ...]:

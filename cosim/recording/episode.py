@@ -85,7 +85,7 @@ class EpisodeRecorder:
         camera = config.world.camera.rate_hz > 0.0
         self._distances = count > 1 and self._all_sampled
         self._signals = series.signals_of(
-            distances=self._distances, camera=camera, full=self._detail.full
+            config.robot, distances=self._distances, camera=camera, full=self._detail.full
         )
         self._return = np.zeros(count)
         self._modes = np.full(count, -1.0)

@@ -367,8 +367,8 @@ def write_styles(file: Kept, signals: Sequence[SignalSpec], robots: Sequence[int
     for robot, name in enumerate(robot_names(robots)):
         for signal in signals:
             names, count = signal.names, len(signal.names)
-            few = count <= 3
-            colours = shades(robot_colour(robot), count) if few else palette(EIGHT[:count])
+            eight = 3 < count <= len(EIGHT)
+            colours = palette(EIGHT[:count]) if eight else shades(robot_colour(robot), count)
             set_points = not signal.label and bool(signal.tabs)  # in one plot with the speeds
             file.static(
                 signal.entity(name),

@@ -15,7 +15,7 @@ from cosim.coupling.rl_step import Step
 from cosim.coupling.signals import Samples
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import ENDS
-from cosim.model.params import TimingParams
+from cosim.model.params import TABLE_I, RobotParams, TimingParams, feet_names, motor_names
 from cosim.onboard.features import DIRECTION_COUNT, DISTANCE_CLASSES, GRADIENT_SIGNS
 from cosim.onboard.steering import MODE_NAMES
 from cosim.physics.rotation import headings
@@ -201,10 +201,18 @@ SIGNALS = (
 # fmt: on
 
 
-def signals_of(*, distances: bool, camera: bool, full: bool = True) -> list[SignalSpec]:
+def signals_of(
+    robot: RobotParams = TABLE_I, *, distances: bool, camera: bool, full: bool = True
+) -> list[SignalSpec]:
     """The meaningful ones: `distances` to other robots, estimates only with a camera."""
+    feet = feet_names(robot.feet_count)
+    own = {
+        _DE: tuple(motor_names(robot.motors_count)),
+        _ABC: feet,
+        _FRICTION: tuple(f"{foot} {axis}" for foot in feet for axis in _XY),
+    }
     return [
-        signal
+        signal._replace(names=own.get(signal.names, signal.names))
         for signal in SIGNALS
         if (distances or signal.path not in _APART)
         and (camera or not signal.path.startswith("sim/estimate/"))
