@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from cosim.base.arguments import validate_argument, validate_seed
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, automatic, showing, silent
+from cosim.model.preset import PAPER
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from agent.mdp.greedy import GreedyPolicy
     from agent.moves.worlds import WorldRange
     from agent.training.methods import Method
+    from cosim.model.preset import Preset
 
 __all__ = ["Policy", "UserError", "load", "methods", "train"]
 
@@ -41,6 +43,7 @@ def train(
     motor_fmu: str | Path | None = None,
     motor_parameters: Mapping[str, float] = {},
     worlds: "WorldRange | None" = None,
+    preset: "str | Path | Preset" = PAPER,
     again: bool = False,
     progress: Progress | None = automatic,
 ) -> "GreedyPolicy":
@@ -61,6 +64,7 @@ def train(
             the built-in one.
         motor_parameters: of the motor FMU while its moves are observed, set through FMI, in its
             units, such as {"J": 5e-9}.
+        preset: machine that is observed, in methods that use moves: a name or a file.
         worlds: ranges from which every walk of the observed moves draws its world, such as
             `agent.envs.ROBUST_WORLDS`; only for the method "moves".
         again: train even if the policy is there.
@@ -101,6 +105,7 @@ def train(
                 "motor_parameters", motor_parameters, tuple[tuple[str, float], ...]
             ),
             worlds=worlds,
+            preset=preset,
             progress=progress or silent,
         )
         again = validate_argument("again", again, bool)

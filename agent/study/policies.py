@@ -17,6 +17,7 @@ from cosim.base.errors import UserError, shorten
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import identity_of
 from cosim.coupling.rl_step import SupportsAct
+from cosim.model.preset import PAPER
 from cosim.model.scenario import Scenario
 from cosim.simulation.driving import SupportsDrive, drives
 
@@ -69,7 +70,12 @@ class ObjectPolicy:
 
 
 def policy_of(
-    given: Any, scenario: Scenario | None = None, *, seed: int = 0, progress: Progress = silent
+    given: Any,
+    scenario: Scenario | None = None,
+    *,
+    seed: int = 0,
+    preset: Any = PAPER,
+    progress: Progress = silent,
 ) -> Any:
     """Return the policy, such as a `GreedyPolicy`, that a user names.
 
@@ -78,6 +84,7 @@ def policy_of(
             with `act` or `drive`.
         scenario: in which it acts; a file has its own, and is refused in another one.
         seed: of training.
+        preset: machine of the moves that a method uses.
         progress: receives what is trained.
     """
     name = str(given) if isinstance(given, str | Path) else None
@@ -94,7 +101,7 @@ def policy_of(
         )
     found: Any = given if name is None else METHODS.get(name) or _imported(name)
     if isinstance(found, Method):
-        config = method_config(found, scenario, seed, progress=progress)
+        config = method_config(found, scenario, seed, preset=preset, progress=progress)
         return find_or_make(config, progress=progress)[0]
     drives(found)
     return ObjectPolicy(found, scenario)

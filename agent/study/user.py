@@ -135,15 +135,18 @@ def lines_of(
     if not (named and scenarios and all(axes.values())):
         raise ConfigError("policies, scenarios and every axis need at least one value each")
     lines: list[Line] = []
-    found: dict[tuple[str, Scenario | None], Any] = {}
+    found: dict[tuple[str, Scenario | None, str], Any] = {}
     for board, (name, policy), values in product(scenarios, named.items(), product(*axes.values())):
         chosen = dict(zip(axes, values, strict=True))
         physics = {**given, **chosen}
         world = physics.pop("world")
         setup = options_of("study", physics)
         only = None if board is None else setup.board(find_in_world(board, world)[0])
-        acting = found.get((name, only)) or policy_of(policy, only, seed=seed, progress=progress)
-        found[name, only] = acting
+        key = name, only, str(setup.preset)
+        if key not in found:
+            training = {"seed": seed, "preset": setup.preset, "progress": progress}
+            found[key] = policy_of(policy, only, **training)
+        acting = found[key]
         case = case_of(acting, setup, seed, board, world=world, name=name, progress=progress)
         lines.append(Line(case, indices(case), name, chosen, claim))
     return lines
@@ -236,7 +239,7 @@ def evaluate(
         if board is not None:
             board = Physics(preset=options.get("preset", PAPER)).board(board)
         known = {"seed": options.get("seed", 0), "progress": options.get("progress") or silent}
-        policy = policy_of(policy, board, **known)
+        policy = policy_of(policy, board, preset=options.get("preset", PAPER), **known)
         if starts > (available := len(joint_starts(policy.process))):
             raise ConfigError(f"starts = {starts}: there are only {available} starts; ask for less")
     (row,) = study({name: policy}, scenario, episodes=episodes, claim=claim, **options).rows

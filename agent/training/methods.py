@@ -42,6 +42,7 @@ from cosim.base.command import MotorParameters
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.calibration.measuring import calibrated_slower
+from cosim.model.preset import PAPER, Preset
 from cosim.model.scenario import Scenario
 from cosim.simulation.options import DecisionOptions, Physics
 
@@ -262,6 +263,7 @@ def method_config(
     motor_fmu: Path | None = None,
     motor_parameters: MotorParameters = (),
     worlds: WorldRange | None = None,
+    preset: str | Path | Preset = PAPER,
     progress: Progress = silent,
 ) -> PolicyConfig:
     """Configuration of a method for a scenario; moves may have to be observed first.
@@ -274,6 +276,7 @@ def method_config(
         motor_fmu: motor FMU of the observed moves, the built-in one by default.
         motor_parameters: of the motor FMU, set through FMI while moves are observed.
         worlds: ranges of the worlds that moves are observed in; by default that of the paper.
+        preset: machine that moves are observed of, where the method uses them.
         progress: receives what is calibrated and observed.
     """
     method = find_method(method)
@@ -300,9 +303,10 @@ def method_config(
     process, learning = method.settings(scenario)
     moves = None
     if method.through is not None:
-        motors = Physics(motor_fmu=motor_fmu, motor_parameters=motor_parameters)
-        fmu = motors.fmu(progress)
-        config = calibrated_slower(motors.config().sized(scenario.diameter_m), fmu, progress)
+        machine = Physics(preset=preset, motor_fmu=motor_fmu, motor_parameters=motor_parameters)
+        fmu = machine.fmu(progress)
+        config = machine.config().sized(machine.board(scenario).diameter_m)
+        config = calibrated_slower(config, fmu, progress)
         config = config.merged(DecisionOptions(through=method.through(scenario)).tree())
         worlds = None if worlds is None else checked_ranges(worlds, config)
         moves = cached_moves(config, fmu, progress, worlds, scenario.cell_m)

@@ -147,9 +147,10 @@ def _disc(robot: RobotParams) -> rr.Mesh3D:
 
 
 def shades(colour: int, count: int) -> np.ndarray:
-    """Return a robot's colour 0xRRGGBBAA and lighter ones for at most four components."""
+    """Return a robot's colour 0xRRGGBBAA and lighter ones, of several components."""
     rgb = np.array([colour >> shift & 0xFF for shift in (24, 16, 8)])
-    mixed = [np.round(rgb + share * (255 - rgb)).astype(int) for share in (0.0, 0.6, 0.35, 0.8)]
+    shares = (0.0, 0.6, 0.35, 0.8) if count <= 4 else np.linspace(0.0, 0.8, count)
+    mixed = [np.round(rgb + share * (255 - rgb)).astype(int) for share in shares]
     return palette([(r << 24) + (g << 16) + (b << 8) + 0xFF for r, g, b in mixed[:count]])
 
 

@@ -178,6 +178,7 @@ class Run(Command):
             episodes=self.train_episodes,
             motor_fmu=self.physics.motor_fmu,
             motor_parameters=self.physics.motor_parameters,
+            preset=self.physics.preset,
             progress=progress,
         )
         return find_or_make(config, again=self.again, progress=progress)[:2]
