@@ -6,12 +6,14 @@ robot. Nothing is assumed of the places of motors and feet.
 """
 
 import math
-from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
+from cosim.base.command import workers
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
@@ -41,8 +43,10 @@ SETTLE_S = 0.5
 FASTEST = 0.97  # set point, as a share of the largest speed
 SLOWEST, FAST = 0.5, 0.9  # the slowest of one half of the library and of the other, over that
 OFF_SHARE = 0.25  # of its motors that have none
-CHANGES, CHANGES_S = 32, 3.0  # around the best set points
+CHANGES, CHANGES_S = 32, 2.0  # around the best set points
+FINALISTS, TRIES = 4, 6  # of every round, driven again: one drive may have been a lucky one
 SPREADS = (0.06, 0.02, 0.01)  # of these changes, as shares of the largest speed, round by round
+TOGETHER = 16  # robots in a thread
 REPEATS, REPEATS_S = 12, 5.0  # with other noise, of what is found
 _STUDENT = 2.201  # 97.5 % quantile with 11 degrees of freedom
 STARTS = 6  # set points of the library that are tried for longer, for each primitive
@@ -94,9 +98,18 @@ class _Search:
             (T, 4) mean speeds ahead and to the left and yaw rate times the robot's radius, all in
             m/s, and the share of time in the air.
         """
-        config, period_s = self.config, self.config.timing.control_period_s
         self._drives += 1
-        seed = np.random.SeedSequence(0, spawn_key=(self._drives,))
+        parts = [set_points[k : k + TOGETHER] for k in range(0, len(set_points), TOGETHER)]
+        keys = ((self._drives, k) for k in range(len(parts)))
+        seeds = (np.random.SeedSequence(0, spawn_key=key) for key in keys)
+        with ThreadPoolExecutor(workers(-1)) as threads:
+            found = threads.map(partial(self._drive, seconds=seconds), parts, seeds)
+            return np.concatenate(list(found))
+
+    def _drive(
+        self, set_points: np.ndarray, seed: np.random.SeedSequence, seconds: float
+    ) -> np.ndarray:
+        config, period_s = self.config, self.config.timing.control_period_s
         with Trial(self._fmu, config, np.zeros(len(set_points)), seed) as trial:
             trial.commands[:, MODE] = DIRECT
             trial.commands[:, OMEGA_D : OMEGA_D + set_points.shape[1]] = set_points
@@ -141,7 +154,10 @@ class _Search:
                 [best + cure, best + cure + ahead, best + 0.5 * cure, *tried], -self.top, self.top
             )
             measured = np.concatenate([self.drive(candidates[:3], CHANGES_S), motion])
-            best = candidates[int(self.score(measured, towards).argmax())]
+            finalists = candidates[np.argsort(self.score(measured, towards))[-FINALISTS:]]
+            again = self.drive(np.repeat(finalists, TRIES, axis=0), CHANGES_S)
+            scores = self.score(again, towards).reshape(FINALISTS, TRIES)
+            best = finalists[int((scores.mean(axis=1) - scores.std(axis=1)).argmax())]
         return best, slopes
 
     def primitive(self, set_points: np.ndarray, slopes: np.ndarray) -> Primitive:
@@ -268,7 +284,7 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
     )
 
 
-def cannot(found: dict[str, Primitive], can: Sequence[str] | set[str]) -> str:
+def cannot(found: dict[str, Primitive], can: set[str]) -> str:
     """Return the message that refuses a machine which cannot navigate."""
     lacking = [name for name in DIRECTIONS if name not in can and name not in DRIVES[2:]]
     best = max(found.values(), key=lambda p: math.hypot(*p.mean[:2]))
