@@ -22,7 +22,6 @@ LONG_SATURATION_S = 0.5
 NEAR_DIAMETERS = 1.2
 # A friction force is at its limit µN within this share of it; sticking feet stay below.
 AT_LIMIT = 1e-6
-FEET = 3
 _FAILURES = {
     OFF_THE_BOARD: "out of board",
     ON_OBSTACLE: "obstacle",
@@ -119,7 +118,7 @@ def _slipping(episode: Episode, robot: str) -> Iterator[Finding]:
 
 def sliding(friction: Signal, normal: Signal, mu: float) -> np.ndarray:
     """Which feet bear load with friction at its limit, (n, 3) bool, from raw forces."""
-    size = np.linalg.norm(friction.values.reshape(-1, FEET, 2), axis=2)
+    size = np.linalg.norm(friction.values.reshape(*normal.values.shape, 2), axis=2)
     return (normal.values > 0.0) & (size >= mu * normal.values * (1.0 - AT_LIMIT))
 
 

@@ -205,7 +205,7 @@ def search(
 
 
 def find_primitives(
-    config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
+    config: CoSimConfig, motor_fmu: Path, progress: Progress = silent, *, again: bool = False
 ) -> dict[str, Primitive]:
     """The primitives of a configuration: found in the cache, or searched for and kept there."""
     timing, steering = config.timing, config.steering
@@ -219,7 +219,26 @@ def find_primitives(
         lambda path: msgspec.json.decode(path.read_bytes(), type=dict[str, Primitive]),
         lambda: search(config, motor_fmu, progress),
         lambda found, path: write_json(path, found),
+        again=again,
     )
+
+
+def primitive_rows(found: dict[str, Primitive], config: CoSimConfig) -> list[tuple[str, ...]]:
+    """Rows of a table: name, means with 95 % intervals and spread, share in the air, set points."""
+    rows = []
+    for name, primitive in found.items():
+        units, widths = (1e3, 1e3, math.degrees(1.0)), primitive.half_widths
+        motion = (
+            f"{unit * mean:.2f} ± {unit * width:.2f} (σ {unit * spread:.2f})"
+            for unit, mean, width, spread in zip(
+                units, primitive.mean, widths, primitive.spread, strict=True
+            )
+        )
+        can = able(primitive, name, 0.5 * config.robot.diameter_m)
+        speeds = " ".join(f"{value:.0f}" for value in primitive.set_points_rad_s)
+        label = name if can else f"{name}: cannot"
+        rows.append((label, *motion, f"{primitive.airborne_share:.1%}", speeds))
+    return rows
 
 
 def able(primitive: Primitive, name: str, reach_m: float) -> bool:

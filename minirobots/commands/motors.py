@@ -24,6 +24,7 @@ from minirobots.runner import Command, Output
 
 if TYPE_CHECKING:
     from cosim.machine.platform.design import Design
+    from cosim.model.config import CoSimConfig
     from cosim.model.params import RobotParams
 
     TargetChoice = str
@@ -158,12 +159,14 @@ class Calibrate(Command):
 
     Co-simulates single robots with their motor FMUs and noise, forwards, backwards, left and right,
     over motor speeds, speed differences and phases between the motors, and writes the map, its
-    scatter and a plot. The co-simulation calibrates itself likewise when robot, motors, FMU, clock,
-    noise or code change; this command shows the result.
+    scatter and a plot. Of a machine with motors or feet of its own it finds the motion primitives:
+    the set points that drive and turn it, from random ones, with their repeatability. The
+    co-simulation calibrates itself likewise when robot, motors, FMU, clock or noise change; this
+    command shows the result.
     """
 
     out: opt.Folder = Path("runs/calibration")
-    """Output folder: calibration.npz, calibration.json, calibration.png."""
+    """Output folder: calibration.npz, .json and .png; primitives.json of a machine of its own."""
     again: bool = False
     """Measure even if the cache has this calibration."""
     jobs: opt.Jobs = -1
@@ -180,6 +183,8 @@ class Calibrate(Command):
         out.mkdir(parents=True, exist_ok=True)
         fmu = self.physics.fmu(progress)
         config = with_motor(config, fmu)
+        if config.robot.own_layout:
+            return self._primitives(config, fmu, progress)
         calibration = find_calibration(config, fmu, progress, jobs=jobs, again=self.again)
         report = report_of(calibration, config, fmu)
         calibration.save(out / "calibration.npz")
@@ -195,6 +200,30 @@ class Calibrate(Command):
             f"{1e3 * report.largest_speed_m_s:.2f} mm/s in both directions, "
             f"{math.degrees(report.largest_turn_rate_rad_s):.1f} °/s in both directions",
             f"results in {out}/: calibration.npz, .json, .png",
+        )
+
+    def _primitives(self, config: "CoSimConfig", fmu: Path, progress: Progress) -> Output:
+        from cosim.base.storage import write_json
+        from cosim.base.table import show_texts
+        from cosim.calibration.primitives import find_primitives, primitive_rows, steered
+
+        found = find_primitives(config, fmu, progress, again=self.again)
+        write_json(self.out / "primitives.json", found)
+        steering = steered(config, found).steering
+        header = (
+            "primitive",
+            "ahead, mm/s",
+            "to the left, mm/s",
+            "yaw, °/s",
+            "in the air",
+            "rad/s",
+        )
+        return Output(
+            found,
+            lambda: show_texts(header, primitive_rows(found, config)),
+            f"steered at {1e3 * steering.drive_speed_m_s:.2f} mm/s and "
+            f"{math.degrees(steering.turn_rate_rad_s):.1f} °/s",
+            f"results in {self.out}/: primitives.json",
         )
 
 
