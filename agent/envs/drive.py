@@ -375,6 +375,7 @@ def set_points(
             written.
         velocity: whether actions are velocity and yaw rate, else set points.
     """
+    config.robot.require_pair("this environment")
     steering = config.steering
     most = steering.max_speed_rad_s
     if not velocity:

@@ -11,6 +11,8 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 
 from msgspec import Meta
 
+from cosim.base.errors import UserError
+
 MAX_MOTORS, MAX_FEET = 8, 32  # of a machine
 MAX_VALUE = 1e9  # of a parameter in its unit
 Positive = Annotated[float, Meta(gt=0.0, le=MAX_VALUE)]
@@ -122,6 +124,14 @@ class RobotParams(NamedTuple):
     def own_layout(self) -> bool:
         """Whether motors or feet are elsewhere than in Fig. 4b, so that primitives are found."""
         return bool(self.motors or self.feet)
+
+    def require_pair(self, what: str) -> None:
+        """Refuse a machine whose motors or feet are elsewhere than in Fig. 4b."""
+        if self.own_layout:
+            raise UserError(
+                f"{what} needs the two motors and three feet of Fig. 4b; this machine has "
+                f"{self.motors_count} motors and {self.feet_count} feet of its own"
+            )
 
     @property
     def motors_count(self) -> int:

@@ -210,14 +210,7 @@ class Calibrate(Command):
         found = find_primitives(config, fmu, progress, again=self.again)
         write_json(self.out / "primitives.json", found)
         steering = steered(config, found).steering
-        header = (
-            "primitive",
-            "ahead, mm/s",
-            "to the left, mm/s",
-            "yaw, °/s",
-            "in the air",
-            "rad/s",
-        )
+        header = ("primitive", "ahead, mm/s", "aside, mm/s", "yaw, °/s", "in the air", "rad/s")
         return Output(
             found,
             lambda: show_texts(header, primitive_rows(found, config)),

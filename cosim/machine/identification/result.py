@@ -95,6 +95,7 @@ def identify(
 
     `preset` is what is not identified, and the usual values of what is.
     """
+    config.robot.require_pair("identification")
     config = with_motor(config, fmu)
     set_points = track.set_points(config.timing.control_period_s)
     progress("turning the motors", 0, None)

@@ -48,6 +48,7 @@ FIG_3_PLATFORM = Platform(FIG_3.M, FIG_3.m, FIG_3.r, FIG_3.mu, TABLE_II.g)
 
 def robot_platform(robot: RobotParams = TABLE_I, motor: MotorParams = TABLE_II) -> Platform:
     """The platform equivalent to the robot with both motors in phase."""
+    robot.require_pair("the 1-DOF platform")
     return Platform(robot.mass_kg, 2.0 * motor.m, motor.r, robot.mu, motor.g)
 
 
