@@ -13,7 +13,7 @@ import numpy as np
 from cosim.base.jit import inlined, kernel
 from cosim.model.params import MotorParams, RobotParams
 from cosim.physics.body import stepped
-from cosim.physics.body_state import read_body, standing_state, write_body
+from cosim.physics.body_state import NORMALS, read_body, standing_state, state_size, write_body
 from cosim.physics.contact import CONTACT_TOLERANCE
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.lanes import width_of
@@ -21,6 +21,9 @@ from cosim.physics.properties import BodyParams, body_params
 from cosim.physics.rotation import Vector, plus, rotation_matrix
 
 _ONE = width_of(1)
+# Of a state with three feet.
+STATE_SIZE = state_size(3)
+NORMAL_IMPULSE, FRICTION_IMPULSE = slice(NORMALS, NORMALS + 3), slice(NORMALS + 3, STATE_SIZE)
 
 
 class Drive(NamedTuple):

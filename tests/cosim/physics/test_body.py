@@ -11,7 +11,6 @@ from cosim.base.jit import kernel
 from cosim.model.params import TABLE_I, TABLE_II, TIMING, cylinder_inertia
 from cosim.physics.body_state import (
     ANGULAR_VELOCITY,
-    NORMAL_IMPULSE,
     POSITION,
     QUATERNION,
     VELOCITY,
@@ -19,7 +18,7 @@ from cosim.physics.body_state import (
 )
 from cosim.physics.properties import BodyParams, body_params
 from cosim.physics.rotation import dot, heading, rotation_matrix
-from tests.references.prescribed import coast, step_body
+from tests.references.prescribed import NORMAL_IMPULSE, coast, step_body
 
 DT, G, MU, M = TIMING.dt_s, TABLE_II.g, TABLE_I.mu, TABLE_I.mass_kg
 LEVEL = body_params(TABLE_I, TABLE_II, DT)
@@ -57,8 +56,8 @@ def audit(state: np.ndarray, params: BodyParams, ticks: int) -> tuple[float, flo
         gained += max(0.0, after - before)
         before = after
         normal = rotation_matrix((state[3], state[4], state[5], state[6]))[2]
-        for foot in (contact.a, contact.b, contact.c):
-            deepest = max(deepest, -state[2] - dot(normal, foot))
+        for x, y in contact.feet:
+            deepest = max(deepest, -state[2] - dot(normal, (x, y, contact.z)))
         for i in range(3):
             q = (state[16 + 3 * i], state[17 + 3 * i], state[18 + 3 * i])
             limit = contact.mu[i] * state[13 + i] * (1.0 + 1e-15)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cosim.model.params import TABLE_I, TABLE_II, TIMING
 from cosim.physics import body_state, contact, properties
-from tests.references.prescribed import step_body
+from tests.references.prescribed import FRICTION_IMPULSE, NORMAL_IMPULSE, step_body
 
 PARAMS, MU = contact.contact_params(TABLE_I, 0.0), TABLE_I.mu
 # Contacts iterated until nothing changes: their laws then hold to rounding.
@@ -99,8 +99,8 @@ def test_solutions_obey_signorini_and_coulomb(v, omega, mu):
     step_body(state, params, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
     # The body stood upright: body and world frames agree in this one step.
-    pressed = state[body_state.NORMAL_IMPULSE]
-    friction = state[body_state.FRICTION_IMPULSE].reshape(3, 3)
+    pressed = state[NORMAL_IMPULSE]
+    friction = state[FRICTION_IMPULSE].reshape(3, 3)
     feet = contact.foot_positions(TABLE_I)
     moved = state[body_state.VELOCITY] + np.cross(state[body_state.ANGULAR_VELOCITY], feet)
     size = np.abs(np.concatenate([v, omega])).max() + 1e-3

@@ -18,8 +18,10 @@ from cosim.model.params import (
     cylinder_inertia,
     lift_off_speed,
 )
-from cosim.physics.body_state import NORMAL_IMPULSE, STATE_SIZE, standing_state
+from cosim.physics.body_state import standing_state
 from tests.references.prescribed import (
+    NORMAL_IMPULSE,
+    STATE_SIZE,
     Drive,
     MeanMotion,
     drive_body,

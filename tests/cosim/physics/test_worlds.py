@@ -13,7 +13,6 @@ from cosim.model.world import World
 from cosim.physics.body import about_centre, at_axis
 from cosim.physics.body_state import (
     ANGULAR_VELOCITY,
-    NORMAL_IMPULSE,
     POSITION,
     QUATERNION,
     VELOCITY,
@@ -25,7 +24,7 @@ from cosim.physics.mass import mass_of
 from cosim.physics.properties import FLOOR_MU, MU, BodyParams, body_params, feel_patches
 from cosim.physics.properties import properties_of as column_of
 from cosim.physics.rotation import rotation_matrix
-from tests.references.prescribed import coast, step_body
+from tests.references.prescribed import NORMAL_IMPULSE, coast, step_body
 
 DT, G = TIMING.dt_s, TABLE_II.g
 HEAVY = World(payload_g=20.0, payload_offset_mm=(8.0, -5.0))

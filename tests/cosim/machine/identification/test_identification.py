@@ -24,10 +24,10 @@ from cosim.machine.identification.track import (
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II
 from cosim.model.preset import find_preset
-from cosim.physics.body_state import STATE_SIZE, standing_state
+from cosim.physics.body_state import standing_state
 from cosim.physics.mass import mass_of
 from tests.references.machines import draw_machine, observed
-from tests.references.prescribed import Drive, rig, trace_body
+from tests.references.prescribed import STATE_SIZE, Drive, rig, trace_body
 
 DT_S = 1e-5
 
