@@ -330,15 +330,15 @@ def _lines(found: "Design", robot: "RobotParams") -> Iterator[str]:
 class Validate(Command):
     """Compare the simulation with published machines, each with its preset.
 
-    It compares speeds at their motor speeds, steps per turn, turning, closed paths driven by the
-    clock, V-shaped steps, and the sensitivity of speeds to parameters. Measurements are kept in the
-    cache: the same command resumes.
+    It compares twenty real Droplets, robot by robot; speeds at their motor speeds, steps per turn,
+    turning, closed paths driven by the clock, V-shaped steps, and the sensitivity of speeds to
+    parameters. Measurements are kept in the cache: the same command resumes.
     """
 
     kept = "measurements so far are in the cache; the same command continues"
 
     out: opt.Folder = Path("runs/validation")
-    """Folder of the tables: validation.json and validation.md."""
+    """Folder of the tables and a figure: validation.json, validation.md, droplets.png."""
     quick: bool = False
     """Short trial: two phases and two robots instead of eight each."""
     seed: opt.Seed = 0
@@ -346,7 +346,9 @@ class Validate(Command):
     where: Where = THREADS
 
     def run(self, progress: Progress) -> Output:
+        from cosim.base.storage import replacing
         from cosim.base.table import show, write_report
+        from cosim.machine.validation.droplets import draw
         from cosim.machine.validation.report import tables, text_of
         from cosim.machine.validation.validate import FULL, QUICK, validate
 
@@ -354,13 +356,15 @@ class Validate(Command):
         fmu = Physics(motor_fmu=self.motor_fmu).fmu(progress)
         report = validate(fmu, count, self.seed, self.where, progress)
         write_report(self.out / "validation", report, text_of(report))
+        with replacing(self.out / "droplets.png") as temporary:
+            draw(list(report.robots)).savefig(temporary, dpi=110)
         return Output(
             report,
             *(
                 partial(show, columns, rows, names=3, title=title)
                 for title, columns, rows in tables(report)
             ),
-            f"results in {self.out}/: validation.json, validation.md",
+            f"results in {self.out}/: validation.json, validation.md, droplets.png",
         )
 
 

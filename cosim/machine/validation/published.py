@@ -62,7 +62,6 @@ def sideways(steps: int, leg_m: float, half_rad: float) -> PublishedPath:
 
 
 _ICRA = "ICRA 2006, prototype: 0.5 to 1.5 mm/s at 1050 to 1200 rad/s"
-_THESIS = "thesis, Gazebo: 1.4 to 3.9 mm/s forwards, 1.4 to 2.8 backwards, at 1400 to 1800 rad/s"
 _KILOBOT = "Kilobot, two vibration motors on three legs: another machine, for the order"
 _DROPLET = "Droplet, three vibration motors: another machine, for the order"
 
@@ -73,11 +72,6 @@ SPEEDS = (
     PublishedSpeed("icra2006", "forwards", 1200.0, 1.5, "seen", _ICRA),
     PublishedSpeed("icra2006", "backwards", 1050.0, None, "seen", _ICRA),
     PublishedSpeed("icra2006", "backwards", 1200.0, None, "seen", _ICRA),
-    PublishedSpeed("thesis", "forwards", 1400.0, 1.4, "seen", _THESIS),
-    PublishedSpeed("thesis", "forwards", 1600.0, None, "seen", _THESIS),
-    PublishedSpeed("thesis", "forwards", 1800.0, 3.9, "seen", _THESIS),
-    PublishedSpeed("thesis", "backwards", 1400.0, 1.4, "seen", _THESIS),
-    PublishedSpeed("thesis", "backwards", 1800.0, 2.8, "seen", _THESIS),
     PublishedSpeed("paper", "forwards", 1083.0, 10.0, "recalled", _KILOBOT),
     PublishedSpeed("paper", "left", 1083.0, 45.0, "recalled", _KILOBOT),
 )

@@ -30,6 +30,9 @@ class ValidationReport(msgspec.Struct, frozen=True, kw_only=True):
     sensitivities: tuple[Row, ...]
     # Ends of a path driven by the clock: distance and angle off where it should have ended
     paths: tuple[Row, ...]
+    # Droplets: measured, and simulated for what is not known of them; then robot by robot
+    droplets: tuple[Row, ...] = ()
+    robots: tuple[Row, ...] = ()
 
 
 def report_of(
@@ -179,6 +182,34 @@ def _off(row: Row) -> str:
 _PRESET, _OMEGA = _column("preset", "{preset}"), _column("rad/s", "{motor_speed_rad_s:.0f}")
 _RATIO = _column("ratio", "{ratio:.2f}")
 _TABLES: dict[str, tuple[str, Columns]] = {
+    "droplets": (
+        "Droplets",
+        (
+            _column("pulses", "{pulses}"),
+            _column("µ", "{mu:g}"),
+            _column("spin-up", "{spin_up_ms:.0f} ms"),
+            _column("unbalance, fitted", "{unbalance_g_mm:.2f} g mm"),
+            _column("robots within reach", "{robots}"),
+            _column(
+                "drive over turn, mm/rad",
+                "{drive_over_turn_mm_rad:.1f} ({least_mm_rad:.1f} to {largest_mm_rad:.1f})",
+            ),
+            _column("forward over backward", "{forward_over_backward:.2f}"),
+            _column("spread of the unbalance", "{unbalance_spread:.0%}"),
+            _column("others within", "{others_within:d} of 10"),
+            _column("turning, rms error", "{turn_error:.0%}"),
+        ),
+    ),
+    "robots": (
+        "Droplets, robot by robot",
+        (
+            _column("robot", "{robot}"),
+            _column("drive", "{drive_mm_s:.2f} mm/s"),
+            _column("turn, measured", "{turn_deg_s:.1f} °/s"),
+            _column("turn, simulated", "{simulated_deg_s:.1f} °/s"),
+            _column("unbalance", "{unbalance_g_mm:.2f} g mm"),
+        ),
+    ),
     "speeds": (
         "Speeds",
         (

@@ -22,6 +22,7 @@ from cosim.machine.validation.driving import (
     measured_sensitivities,
     measured_speed,
 )
+from cosim.machine.validation.droplets import droplets
 from cosim.machine.validation.published import PATHS, SPEEDS, PublishedPath, PublishedSpeed
 from cosim.machine.validation.report import ValidationReport, report_of
 from cosim.model.config import CoSimConfig
@@ -131,10 +132,12 @@ def validate(
     store, jobs = _Cache(), [*speeds.values(), *slopes.values(), *paths.values()]
     for _ in run(jobs, store, MEASUREMENTS, where, progress=progress, task="measuring"):
         pass
-    return report_of(
+    variants, robots = droplets(motor_fmu, quick=count < FULL, progress=progress)
+    report = report_of(
         {p: MeasuredSpeed(*store.find(job)) for p, job in speeds.items()},
         {p: (store.find(job), closed_form(job.config, p.omega_rad_s)) for p, job in slopes.items()},
         [(*which, store.find(job)) for which, job in paths.items()],
         count,
         seed,
     )
+    return msgspec.structs.replace(report, droplets=tuple(variants), robots=tuple(robots))

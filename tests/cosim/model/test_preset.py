@@ -41,7 +41,7 @@ def written(tmp_path):
 
 
 def test_built_in_machines_state_what_is_published():
-    assert built_in() == ["paper", "icra2006", "thesis"]
+    assert built_in() == ["paper", "droplet", "icra2006", "kilobot", "thesis"]
     assert find_preset("paper").config() == CoSimConfig()
     icra, thesis = (find_preset(name).config() for name in ("icra2006", "thesis"))
     assert (icra.robot.mu, icra.robot.diameter_m) == (0.4, 0.0365)
@@ -166,5 +166,5 @@ def test_mistakes_are_named(written, text, message):
 
 
 def test_other_names_are_refused():
-    with pytest.raises(UserError, match=r"preset 'x'; choose .*paper, icra2006"):
+    with pytest.raises(UserError, match=r"preset 'x'; choose .*paper, droplet, icra2006"):
         find_preset("x")
