@@ -254,11 +254,12 @@ def able(primitive: Primitive, name: str, reach_m: float) -> bool:
 def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
     """Return a configuration whose steering has the primitives of its machine.
 
-    Raises a UserError if the machine cannot drive ahead and back, or cannot turn both ways.
+    Raises a UserError if the machine cannot drive ahead, or cannot turn both ways. One that cannot
+    drive back turns around.
     """
     reach_m = 0.5 * config.robot.diameter_m
     can = {name for name, primitive in found.items() if able(primitive, name, reach_m)}
-    if not {"left turn", "right turn", "forwards", "backwards"} <= can:
+    if not {"left turn", "right turn", "forwards"} <= can:
         raise UserError(cannot(found, can))
     for name in ("drive_speed_m_s", "turn_rate_rad_s"):
         if name in dict(config.sources):
@@ -290,7 +291,7 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
         "found, see docs/steering.md",
         shares=tuple(MotorShares(*map(float, row)) for row in rows),
         forward_speed_rad_s=speeds["forwards"],
-        backward_speed_rad_s=speeds["backwards"],
+        backward_speed_rad_s=speeds["backwards"] if "backwards" in can else 0.0,
         side_speed_rad_s=side_speed,
         turn_speed_rad_s=turn_speed,
         max_speed_rad_s=top,
@@ -305,7 +306,7 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
 
 def cannot(found: dict[str, Primitive], can: set[str]) -> str:
     """Return the message that refuses a machine which cannot navigate."""
-    lacking = [name for name in DIRECTIONS if name not in can and name not in DRIVES[2:]]
+    lacking = [name for name in ("forwards", "left turn", "right turn") if name not in can]
     best = max(found.values(), key=lambda p: math.hypot(*p.mean[:2]))
     speed, rate = 1e3 * math.hypot(*best.mean[:2]), math.degrees(best.mean[2])
     return (

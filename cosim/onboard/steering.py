@@ -88,7 +88,8 @@ def steer(
     course = command[DIRECTION] - arctangent(left_of_line / lookahead, portable)
     error = wrapped(course - heading)
     if command[MODE] == START:
-        command[SENSE] = FORWARDS if abs(error) <= math.pi / 2.0 else BACKWARDS
+        ahead = abs(error) <= math.pi / 2.0 or params.backward_speed_rad_s <= 0.0
+        command[SENSE] = FORWARDS if ahead else BACKWARDS
         if params.side_speed_rad_s > 0.0 and abs(math.pi / 2.0 - abs(error)) < math.pi / 4.0:
             command[SENSE] = LEFTWARDS if error > 0.0 else RIGHTWARDS
         command[MODE] = TURN
