@@ -1,0 +1,193 @@
+"""Bodies with any number of motors and feet against symmetries, conservation laws and springs."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cosim.base.jit import kernel
+from cosim.calibration.trial import Trial, mean_motion
+from cosim.fmi.motor import MotorFmu
+from cosim.model.config import CoSimConfig
+from cosim.model.params import (
+    TABLE_I,
+    TABLE_II,
+    TIMING,
+    Foot,
+    Mount,
+    RobotParams,
+    motors_of,
+    mounts_of,
+)
+from cosim.model.preset import find_preset
+from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
+from cosim.physics.body_state import (
+    NORMALS,
+    QUATERNION,
+    V_X,
+    V_Y,
+    V_Z,
+    W_X,
+    W_Y,
+    W_Z,
+    standing_state,
+)
+from cosim.physics.contact import foot_positions
+from cosim.physics.forces import directions, motor_mounts, motor_wrench
+from cosim.physics.properties import BodyParams, body_params
+from cosim.physics.rotation import dot
+from tests.references.prescribed import step_body
+
+DT, G = TIMING.dt_s, TABLE_II.g
+
+
+def feet(angles: list[float], radii: list[float]) -> tuple[Foot, ...]:
+    return tuple(Foot(r * math.cos(a), r * math.sin(a)) for a, r in zip(angles, radii, strict=True))
+
+
+@kernel
+def energy(state: np.ndarray, params: BodyParams) -> float:
+    """Kinetic and potential energy in J."""
+    v, w = (state[V_X], state[V_Y], state[V_Z]), (state[W_X], state[W_Y], state[W_Z])
+    i = params.inertia
+    spin = 0.5 * (i[0] * w[0] * w[0] + i[1] * w[1] * w[1] + i[2] * w[2] * w[2])
+    return (0.5 * dot(v, v) + G * state[2]) / params.inverse_mass + spin
+
+
+@kernel
+def audit(state: np.ndarray, params: BodyParams, ticks: int) -> tuple[float, float, float]:
+    """Energy gained over all steps in J, least normal impulse, and excess over the cone."""
+    gained, least, excess = 0.0, 0.0, 0.0
+    count = len(params.contact.feet)
+    before = energy(state, params)
+    for _ in range(ticks):
+        step_body(state, params, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        after = energy(state, params)
+        gained += max(0.0, after - before)
+        before = after
+        for foot in range(count):
+            first = NORMALS + count + 3 * foot
+            q = state[first], state[first + 1], state[first + 2]
+            limit = params.contact.mu[0] * state[NORMALS + foot] * (1.0 + 1e-15)
+            least = min(least, state[NORMALS + foot])
+            excess = max(excess, math.sqrt(dot(q, q)) - limit)
+    return gained, least, excess
+
+
+@pytest.mark.parametrize("count", [4, pytest.param(16, marks=pytest.mark.long)])
+@given(data=st.data())
+@settings(max_examples=20, deadline=None)
+def test_a_dropped_body_gains_no_energy_and_keeps_the_cone(count, data):
+    shares = st.lists(st.floats(0.0, 0.6), min_size=count, max_size=count)
+    angles = 2.0 * np.pi / count * (np.arange(count) + data.draw(shares))
+    radii = 0.012 + 0.015 * np.array(data.draw(shares))
+    robot = TABLE_I._replace(feet=feet(angles.tolist(), radii.tolist()))
+    params = body_params(robot, TABLE_II, DT)
+    state = standing_state(robot, 0.0, 0.0, 0.3)
+    speeds = data.draw(st.lists(st.floats(-0.3, 0.3), min_size=3, max_size=3))
+    turning = data.draw(st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3))
+    state[2] += 1e-4
+    state[[V_X, V_Y, V_Z]], state[[W_X, W_Y, W_Z]] = speeds, turning
+    gained, least, excess = audit(state, params, 3000)
+    weight_nm = 0.1 * G * 1e-6
+    assert (gained < weight_nm, least, excess < 1e-15) == (True, 0.0, True)
+
+
+@pytest.mark.parametrize("count", [4, 8])
+def test_loads_are_those_of_springs(count):
+    """A centre of mass off the middle; equal springs under a rigid body, by least squares."""
+    angles = (2.0 * np.pi / count * (np.arange(count) + 0.5)).tolist()
+    robot = TABLE_I._replace(feet=feet(angles, [0.02] * count), com_x_m=0.004, com_y_m=-0.002)
+    params = body_params(robot, TABLE_II, DT, tolerance=1e-8)
+    state = standing_state(robot, *params.centre, 0.0)
+    audit(state, params, 20_000)
+    places = foot_positions(robot)[:, :2] - params.centre
+    rows = np.column_stack([np.ones(count), places]).T
+    expected = rows.T @ np.linalg.solve(rows @ rows.T, [robot.mass_kg * G, 0.0, 0.0])
+    loads = state[NORMALS : NORMALS + count] / DT
+    np.testing.assert_allclose(loads, expected, rtol=0.02)
+
+
+AXES = [(0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.48, -0.6, 0.64)]
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_forces_are_those_of_a_mass_on_a_circle(axis):
+    """The acceleration of a point mass by finite differences, and the rotor's torque balance."""
+    mount = Mount((0.006, -0.01, 0.004), axis)
+    # x = 0.006 keeps the shaft along y from the kernel of Fig. 4b
+    robot = TABLE_I._replace(motors=(mount,))
+    (found,) = motor_mounts(robot, motors_of(robot, TABLE_II))
+    hanging, ahead = map(np.array, directions(axis))
+    theta, omega, omega_dot, h = 0.7, 300.0, 4e4, 1e-6
+
+    def place(t: float) -> np.ndarray:
+        angle = theta + omega * t + 0.5 * omega_dot * t * t
+        return TABLE_II.r * (math.cos(angle) * hanging + math.sin(angle) * ahead)
+
+    acceleration = (place(h) - 2.0 * place(0.0) + place(-h)) / h**2
+    weight = TABLE_II.m * np.array([0.0, 0.0, -G])
+    expected = weight - TABLE_II.m * acceleration
+    lever = np.array(mount.place_m) - (0.0, 0.0, robot.com_height_m)
+    gravity_torque = np.cross(place(0.0), weight) @ axis
+    reaction = -(TABLE_II.J * omega_dot - gravity_torque) * np.array(axis)
+    moment = np.cross(lever, expected) + reaction
+    force, twist = motor_wrench(found, found.shaft, theta, omega, omega_dot)
+    np.testing.assert_allclose(force, expected, rtol=2e-4, atol=2e-5)
+    np.testing.assert_allclose(twist, moment, rtol=2e-4, atol=1e-6)
+
+
+def silent(config: CoSimConfig) -> CoSimConfig:
+    return config.having("test", relative_amplitude=0.0)
+
+
+def driven(config: CoSimConfig, set_points: list[Any], seconds: float, fmu: MotorFmu) -> Trial:
+    with Trial(fmu, config, np.zeros(len(set_points)), np.random.SeedSequence(0)) as trial:
+        trial.commands[:, MODE] = DIRECT
+        speeds = np.array(set_points, dtype=float)
+        trial.commands[:, OMEGA_D : OMEGA_D + speeds.shape[1]] = speeds
+        before = trial.bodies.T.copy()
+        samples = trial.advance(round(seconds / config.timing.control_period_s))
+        track = np.concatenate([samples.position, samples.quaternion], axis=2)
+        trial.motion = mean_motion(  # type: ignore[attr-defined]
+            np.concatenate([before[None, :, : QUATERNION.stop], track]), 1e-3
+        )
+    return trial
+
+
+SQUARE: RobotParams = TABLE_I._replace(
+    motors=(*mounts_of(TABLE_I), Mount((0.018, 0.0, 0.003), (1.0, 0.0, 0.0))),
+    feet=tuple(
+        Foot(x, y) for x, y in ((0.016, 0.016), (-0.014, 0.017), (-0.014, -0.017), (0.016, -0.016))
+    ),
+)
+
+
+@pytest.mark.long
+def test_mirror_images_move_as_mirror_images_in_every_bit(motor_fmu):
+    """Motors D and E change places and sense; the one on the x axis turns the other way."""
+    base = silent(CoSimConfig())
+    config = replace(base, robot=SQUARE, steering=base.steering._replace(
+        shares=(base.steering.shares[0],) * 3))  # fmt: skip
+    pair = [(-900.0, 850.0, 700.0), (-850.0, 900.0, -700.0)]
+    bodies = driven(config, pair, 0.5, MotorFmu(motor_fmu)).bodies
+    one, other = bodies.T
+    for row in (V_X, V_Z, W_Y):
+        assert one[row] == other[row]
+    for row in (V_Y, W_X, W_Z):
+        assert one[row] == -other[row]
+
+
+@pytest.mark.long
+def test_a_droplet_moves_alike_in_three_directions(motor_fmu):
+    config = find_preset("droplet").config()
+    top = config.top_speed_rad_s
+    ways = [top * np.roll((0.0, -1.0, 1.0), k) for k in range(3)]
+    motion = driven(config, ways, 1.0, MotorFmu(motor_fmu)).motion  # type: ignore[attr-defined]
+    along = (motion[:, 0] + 1j * motion[:, 1]) * np.exp(-2j * np.pi / 3.0 * np.arange(3))
+    assert abs(along[0]) > 5e-4
+    np.testing.assert_allclose(along, along[0], rtol=0.02)
