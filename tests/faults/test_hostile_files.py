@@ -17,12 +17,11 @@ TRACK = "time,x,y,heading,omega_1,omega_2\n"
 ROBOT = '[[robots]]\ntarget = [5, 5]\nstarts = "top"\n'
 
 
-Content = str | bytes | Callable[[Path, Path], object]  # the latter makes it, and sees the FMU
+Maker = Callable[[Path, Path], object]  # of a file at the first path, and sees the FMU
+Content = str | bytes | Maker
 
 
-def described(
-    change: Callable[[str], str | bytes], *, binary: bytes | None = None
-) -> Callable[[Path, Path], object]:
+def described(change: Callable[[str], str | bytes], *, binary: bytes | None = None) -> Maker:
     """The motor FMU with another modelDescription, and perhaps another binary."""
 
     def make(path: Path, fmu: Path) -> None:
@@ -41,7 +40,7 @@ def described(
     return make
 
 
-def attribute(tag: str, name: str, value: str) -> Callable[[Path, Path], object]:
+def attribute(tag: str, name: str, value: str) -> Maker:
     """The motor FMU with another value of an attribute in the first tag like this."""
 
     def change(xml: str) -> str:
@@ -90,7 +89,7 @@ FMUS: dict[str, tuple[Content, str]] = {
 }  # fmt: skip
 
 
-def arrays(**content: Any) -> Callable[[Path, Path], object]:
+def arrays(**content: Any) -> Maker:
     return lambda path, _: np.savez_compressed(path, **content)
 
 
@@ -109,7 +108,7 @@ def pickled(path: Path, _: Path) -> None:
     np.savez(path, config=payload, q=payload, visits=payload, random=payload)
 
 
-def declaring(size: int) -> Callable[[Path, Path], object]:
+def declaring(size: int) -> Maker:
     """An array of a few bytes that says that it is so long, unpacked."""
 
     def make(path: Path, _: Path) -> None:
@@ -122,7 +121,7 @@ def declaring(size: int) -> Callable[[Path, Path], object]:
     return make
 
 
-def configured(text: bytes) -> Callable[[Path, Path], object]:
+def configured(text: bytes) -> Maker:
     ones = {name: np.ones(1) for name in ("q", "visits", "random")}
     return arrays(config=np.frombuffer(text, dtype=np.uint8), **ones)
 

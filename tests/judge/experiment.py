@@ -21,7 +21,7 @@ def reference_rows() -> np.ndarray:
     from fmus.build import cached_fmu
 
     motor, rows = Motor(MotorFmu(cached_fmu("VibrationMotor")), "reference", INPUTS), []
-    numbers = np.concatenate([motor.fmu.outputs, motor.fmu.electrical])
+    numbers = np.concatenate([motor.fmu.outputs, motor.fmu.electrical])[: len(OUTPUTS)]
     for k in range(STEPS):
         motor.step(k * STEP_S, STEP_S)
         rows.append(motor.get(numbers))
