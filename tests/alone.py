@@ -1,5 +1,6 @@
 """One episode at a time: a batch with one place."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,11 @@ class CoSimulation(Batch):
 
     def step(self, action: np.ndarray) -> Step:
         return self.advance({0: action})[0]
+
+
+def same(ours: Iterable[Any], theirs: Iterable[Any]) -> bool:
+    """Whether signals are equal, one by one."""
+    return all(np.array_equal(a, b) for a, b in zip(ours, theirs, strict=True))
 
 
 def drive(

@@ -13,22 +13,16 @@ from pathlib import Path
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.moves import observe
-from agent.moves.model import ObservedMoves
+from agent.training.methods import method_config
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import policy_folder
-from cosim.base import storage
 from cosim.base.storage import cache_dir, lock_folder
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.reader import read_episode
 from minirobots.commands.episodes import Run
 
 BRIEF = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
-
-
-def process(*arguments: str | Path | int) -> list[str]:
-    return [sys.executable, "-m", "cosim.run", *map(str, arguments)]
 
 
 @pytest.fixture(scope="session")
@@ -40,12 +34,6 @@ def run(command):
 def rrd(*arguments: str | Path) -> subprocess.CompletedProcess[bytes]:
     rerun = Path(sys.executable).with_name("rerun")
     return subprocess.run([rerun, "rrd", *map(str, arguments)], capture_output=True, check=False)
-
-
-def without_wall_clock(summary: dict) -> dict:
-    for episode in summary["episodes"]:
-        assert episode.pop("realtime_factor") > 0.0
-    return summary
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +58,11 @@ def runs(run, tmp_path_factory):
 
 
 def summary_of(folder: Path) -> dict:
-    return without_wall_clock(json.loads((folder / "summary.json").read_text()))
+    """The summary of a run, without what depends on the clock."""
+    summary = json.loads((folder / "summary.json").read_text())
+    for episode in summary["episodes"]:
+        assert episode.pop("realtime_factor") > 0.0
+    return summary
 
 
 def test_summary_says_what_was_run(runs):
@@ -161,20 +153,20 @@ def test_bad_input_gets_one_sentence(run, arguments, sentence, tmp_path, monkeyp
     assert [*tmp_path.glob("runs/*")] == []
 
 
-def test_a_policy_on_moves_observes_them_first(run, tmp_path, monkeypatch):
-    """In the small: a move or two of every kind instead of two dozen."""
-    monkeypatch.setattr(observe, "MOVES_PER_KIND", 1)
-    monkeypatch.setattr(observe, "WALKS", 1)
-    monkeypatch.setattr(observe, "cache_dir", lambda kind: tmp_path / kind)
-    monkeypatch.setattr(storage, "PACKAGED", tmp_path / "nothing")
-    out = tmp_path / "run"
-    short = ("--method", "moves", "--train-episodes", 20_000)
-    done = run(*short, "--time-limit", 4, "--out", out, "--record", "none")
+def test_a_policy_on_moves_is_of_the_observed_ones(run, tmp_path):
+    short = ("--method", "moves", "--train-episodes", 20_000, "--time-limit", 4)
+    done = run(*short, "--out", tmp_path, "--record", "none")
     assert done.returncode == 0, done.stderr
-    (path,) = (tmp_path / "moves").glob("*.json")
-    policy = Policy.load(out / "policy.npz")
-    assert policy.config.moves == ObservedMoves.load(path)
-    assert summary_of(out)["method"] == "moves"
+    expected = method_config("moves", find_scenario("2")).moves
+    assert Policy.load(tmp_path / "policy.npz").config.moves == expected is not None
+    assert summary_of(tmp_path)["method"] == "moves"
+
+
+def test_motors_of_a_user_drive_a_policy_that_is_trained_on_the_grid(run, motor_fmu, tmp_path):
+    motors = ("--motor-fmu", motor_fmu, "--motor-parameter", "J=2.7e-9")
+    done = run("--scenario", "1a", *motors, "--out", tmp_path, "--no-record", *BRIEF)
+    assert done.returncode == 0, done.stderr
+    assert summary_of(tmp_path)["parameters"]["J"] == 2.7e-9
 
 
 def test_policy_of_another_scenario_is_refused(run, runs, tmp_path):
@@ -207,11 +199,10 @@ def test_the_compiled_driver_records_the_signals_of_fmpy(run, runs, tmp_path):
     assert done.returncode == 0, done.stderr
     ours, theirs = (read_episode(f / "episodes" / "ep_000.rrd") for f in (tmp_path, runs / "a"))
     assert (ours.facts["driver"], theirs.facts["driver"]) == ("compiled", "fmpy")
-    values = [
-        {name: (s.time_s.tobytes(), s.values.tobytes()) for name, s in episode.signals.items()}
-        for episode in (ours, theirs)
-    ]
-    assert values[0] == values[1]
+    assert ours.signals.keys() == theirs.signals.keys()
+    for name, found in ours.signals.items():
+        for mine, other in zip(found[:2], theirs.signals[name][:2], strict=True):
+            assert mine.tobytes() == other.tobytes(), name
 
 
 def test_recordings_of_other_runs_do_not_stay_next_to_a_summary(run, tmp_path):
@@ -268,8 +259,8 @@ def test_runs_of_the_same_second_have_folders_of_their_own(tmp_path, monkeypatch
 @pytest.mark.long
 def test_interrupt_keeps_the_recording(tmp_path, runs):
     out = tmp_path / "interrupted"
-    arguments = ("--out", out, "--policy", runs / "a" / "policy.npz")
-    with subprocess.Popen(process(*arguments), stderr=subprocess.PIPE, text=True) as running:
+    line = [sys.executable, "-m", "cosim.run", "--out", out, "--policy", runs / "a" / "policy.npz"]
+    with subprocess.Popen(line, stderr=subprocess.PIPE, text=True) as running:
         part = out / "episodes" / "ep_000.rrd.part"
         while not (part.is_file() and part.stat().st_size > 300_000):
             assert running.poll() is None

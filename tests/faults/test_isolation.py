@@ -73,7 +73,8 @@ def drive(faulty_fmu, tmp_path_factory):
         line += ["--method", "paper", "--train-episodes", 2000, "--time-limit", time_limit]
         return out, start(fault, from_s, *line, *options)
 
-    assert ended(run("none")[1])[0] == 0
+    status, errors = ended(run("none")[1])
+    assert status == 0, errors
     return run
 
 

@@ -23,6 +23,7 @@ from cosim.simulation.batch import Batch
 from cosim.simulation.tasks import Task, simulate_tasks
 from docs.examples.swarm import Barrier, Local, ThroughDoor
 from fmus.build import cached_fmu
+from tests.alone import same
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 ROBOTS = 70  # more than those whose signals are all kept
@@ -56,9 +57,7 @@ def test_bits_depend_neither_on_lanes_nor_on_the_driver(driven):
     for options in ({"lanes": 2}, {"lanes": host_lanes()}):
         steps, measures = steps_of(cached_fmu(), **options)
         for step, other in zip(steps, driven[0], strict=True):
-            assert np.array_equal(step.poses, other.poses)
-            for ours, theirs in zip(step.samples, other.samples, strict=True):
-                assert np.array_equal(ours, theirs)
+            assert same((step.poses, *step.samples), (other.poses, *other.samples))
         assert np.array_equal(measures.energy_j, driven[1].energy_j)
         assert measures.min_distance_m == driven[1].min_distance_m
 
@@ -67,8 +66,7 @@ def test_signals_of_chosen_robots_are_those_of_all(driven):
     steps, measures = steps_of(cached_fmu(), sampled=tuple(range(ROBOTS)))
     assert [step.sampled for step in driven[0]] == [(0, 1, 2, 3)] * 2
     for step, some in zip(steps, driven[0], strict=True):
-        for every, chosen in zip(step.samples, some.samples, strict=True):
-            assert np.array_equal(every[:, :4], chosen)
+        assert same((every[:, :4] for every in step.samples), some.samples)
         assert np.array_equal(step.moved_m, some.moved_m)
         assert step.poses.shape == (0, ROBOTS, 7)
     position = np.concatenate([step.samples.position for step in steps])
