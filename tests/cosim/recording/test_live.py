@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from cosim.base.progress import silent
 from cosim.recording.blueprint import episode_blueprint
@@ -166,8 +165,3 @@ def test_missing_viewer_is_told_before_anything_is_done(tmp_path):
     with pytest.raises(UserError, match="no Rerun viewer answers at"):
         Run(live=True, viewer=url, out=tmp_path / "x").run(silent)
     assert not (tmp_path / "x").exists()
-
-
-def test_nothing_recorded_cannot_be_watched():
-    with pytest.raises(ConfigError, match="choose another --record"):
-        Run(live=True, no_record=True)

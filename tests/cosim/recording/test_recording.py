@@ -14,15 +14,13 @@ import pytest
 from rerun.chunk import RrdReader
 
 from cosim.base.errors import FileError, UserError
-from cosim.coupling.rl_step import Decision, Step
-from cosim.coupling.signals import RawSamples, Samples, new_raw_samples, new_samples
+from cosim.coupling.rl_step import Decision
+from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.config import CoSimConfig
-from cosim.model.outcome import Outcome
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Patch, World
-from cosim.onboard.features import Observation
 from cosim.onboard.steering import MODE_NAMES
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept, Recording, scalars, simulated
@@ -106,24 +104,19 @@ def test_short_rl_steps_have_no_more_bursts(motor_fmu, tmp_path):
 
 
 @pytest.mark.parametrize("rl_step_s", [0.1, 2.0])
-def test_trails_grow_with_the_time(rl_step_s):
+def test_trails_grow_with_the_time(recorded, rl_step_s):
     """Pieces of 2 s, of which the views show those of the last 10 minutes, for any RL step."""
-    seen = Observation(np.zeros((2, 2), dtype=int), *np.zeros((3, 2), dtype=int))
-    periods = round(1e3 * rl_step_s)
+    step, periods = recorded[1][0], round(1e3 * rl_step_s)
+    samples = Samples(*(signal[:periods].copy() for signal in step.samples))
     config = CoSimConfig().merged(DecisionOptions(rl_step=rl_step_s).tree())
-    kept, pieces, samples = Kept(), [], new_samples(periods, 2)
+    kept, pieces = Kept(), []
     with EpisodeRecorder(kept, SCENARIO, config, "test", {}, level="summary") as recorder:
         for number in range(round(60.0 / rl_step_s)):
-            time_s = 1e-3 * (number * periods + np.arange(1, periods + 1))
-            position = np.full((periods, 2, 3), 0.05)
-            position[:, 0, 0] += 1e-3 * time_s
-            no, nothing = np.zeros(2, dtype=bool), np.zeros(2)
-            found, raw = samples._replace(position=position), new_raw_samples(0, 2)
-            begin, action = 100 * number * periods, np.array([0, 4])
-            ended = (Outcome.RUNNING, rl_step_s, nothing, (0, 1), np.empty((0, 2, 7)))
-            recorder.write(
-                Step(number, begin, seen, seen, action, no, no, found, raw, nothing, *ended)
-            )
+            samples.position[:, 0, 0] = 0.05
+            samples.position[:, 0, 0] += 1e-6 * (number * periods + np.arange(1, periods + 1))
+            at = {"number": number, "first_tick": 100 * number * periods, "duration_s": rl_step_s}
+            found = Samples(*(signal.copy() for signal in samples))
+            recorder.write(step._replace(samples=found, **at))
     for chunk in kept.chunks:
         batch = chunk.to_record_batch()
         if chunk.entity_path == "/world/r1/trail" and not chunk.is_static:
@@ -168,8 +161,7 @@ def test_a_file_is_complete_and_its_bursts_hold_every_tick(recorded):
 
 
 @pytest.mark.parametrize(
-    ("level", "values"),
-    [("summary", True), ("default", True), ("full", True), ("default", False)],
+    ("level", "values"), [("summary", True), ("default", True), ("full", True), ("default", False)]
 )
 def test_every_path_of_the_blueprint_is_recorded(recorded, shown_paths, level, values):
     """Views of a missing entity stay empty without a word."""

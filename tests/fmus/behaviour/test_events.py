@@ -22,19 +22,6 @@ def test_result_does_not_depend_on_the_communication_step(rig, solver, start):
         assert (runs[1][name][::10] == runs[2][name]).all()
 
 
-def test_variable_communication_steps_follow_the_same_motion(rig):
-    steady = rig(omega_des=700.0, solver=2).run(0.2)[1]["omega"][-1]
-    motor, generator = rig(omega_des=700.0, solver=2), np.random.default_rng(1)
-    time_s = 0.0
-    while time_s < 0.2:
-        step_s = min(generator.uniform(1e-7, 3e-4), 0.2 - time_s)
-        assert motor.do_step(time_s, step_s) == 0
-        time_s += step_s
-    # The end of the saturation is resolved to one internal step, wherever these lie.
-    assert motor.get("omega")[0] == pytest.approx(steady, rel=1e-6)
-    assert motor.get("time")[0] == pytest.approx(0.2, rel=1e-12)
-
-
 @SOLVERS
 def test_sticking_breaking_away_and_reversing(rig, solver):
     motor = rig(closed_loop=False, solver=solver)

@@ -100,31 +100,6 @@ def test_closed_loop_recovers_the_set_point_within_the_voltage(rig, d):
     assert np.ptp(last["omega"]) / 2 == pytest.approx(1.9, abs=0.1)
 
 
-@pytest.mark.parametrize("solver", [1, 2])
-def test_a_free_shaft_swings_about_the_hanging_position(rig, solver):
-    """A compound pendulum: small swings have the period 2π √(J / (m g r))."""
-    p = TABLE_II
-    free = {"K_T": 1e-12, "b": 0.0, "c": 0.0, "closed_loop": False}
-    time_s, y = rig(**free, theta_start=0.01, solver=solver).run(2.0)
-    rate = np.sqrt(p.m * p.g * p.r / p.J)
-    assert y["theta"] == pytest.approx(0.01 * np.cos(rate * time_s), abs=2e-3 * 0.01)
-
-
-@pytest.mark.parametrize(
-    "start", [{"closed_loop": False, "V_in": 1.0}, {"omega_des": 100.0}], ids=["plant", "loop"]
-)
-def test_it_is_the_linear_one_without_friction_weight_and_saturation(rig, start):
-    model = control.tf([motor_gain(TABLE_II)], [TAU_S, 1.0])
-    if "omega_des" in start:
-        controller = control.tf([TABLE_II.K_p, TABLE_II.K_i], [1.0, 0.0])
-        model = control.feedback(control.series(controller, model))
-    time_s, y = rig(**start, c=0.0, m=0.0).run(1.0)
-    assert y["V_s"].max() < TABLE_II.V_s_max
-    amplitude = [*start.values()][-1]
-    expected = amplitude * np.asarray(control.step_response(model, time_s).outputs)
-    assert y["omega"] == pytest.approx(expected, abs=EULER * expected[-1])
-
-
 def test_shaft_sticks_up_to_the_breakaway_voltage(rig):
     below = rig(closed_loop=False, V_in=0.999 * BREAKAWAY_V).run(0.1)[1]
     assert not any(below[name].any() for name in ("omega", "omega_dot", "theta"))
