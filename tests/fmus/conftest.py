@@ -219,8 +219,9 @@ class Instance:
 def fmus(array_fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[int | str, Path]:
     """The FMU of a motor by its standard, and that of the array, for this machine."""
     folder = tmp_path_factory.mktemp("fmus")
-    paths = build_fmus({"2": folder / "fmi2.fmu", "3": folder / "fmi3.fmu"}, [host_target()])
-    return dict(zip((2, 3), paths, strict=True)) | {"array": array_fmu}
+    two, three = folder / "fmi2.fmu", folder / "fmi3.fmu"
+    build_fmus({"2": two, "3": three}, [host_target()])
+    return {2: two, 3: three, "array": array_fmu}
 
 
 @pytest.fixture(scope="session")
