@@ -19,6 +19,7 @@ from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
 from minirobots.commands.episodes import Run
+from tests.alone import rrd
 
 RERUN = Path(sys.executable).with_name("rerun")
 
@@ -106,8 +107,7 @@ def test_lost_viewer_does_not_lose_the_file(server, tmp_path, capfd):
             time.sleep(0.05)
         send(recording, 1000.0)
     assert rows_of(path) == {"/sim/r1/heading": count + 1}
-    verify = subprocess.run([RERUN, "rrd", "verify", path], capture_output=True, check=False)
-    assert verify.returncode == 0
+    assert rrd("verify", path)
 
 
 FROZEN = """

@@ -28,17 +28,11 @@ from cosim.recording.reader import read_chunks, read_episode, read_rrd
 from cosim.recording.scene import ROBOT_COLOURS, ink_on, map_colours, robot_colour, shades
 from cosim.recording.series import DETAILS, OUTCOME, PolicyMap, Stretch, with_bursts
 from cosim.simulation.options import DecisionOptions
-from tests.alone import CoSimulation
+from tests.alone import CoSimulation, rrd
 
 SCENARIO = Scenario("pair", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 SOUTH, NORTH = 6, 2
 STEPS = 2
-
-
-def verified(path: Path) -> bool:
-    rerun = Path(sys.executable).with_name("rerun")
-    done = subprocess.run([rerun, "rrd", "verify", path], capture_output=True, check=False)
-    return done.returncode == 0
 
 
 def rows(path: Path, entity: str) -> tuple[np.ndarray, np.ndarray]:
@@ -151,7 +145,7 @@ def test_rows_cover_blocks_also_across_rl_steps(recorded, lengths):
 
 def test_a_file_is_complete_and_its_bursts_hold_every_tick(recorded):
     path, steps = recorded
-    assert verified(path)
+    assert rrd("verify", path)
     assert not path.with_name("episode.rrd.part").exists()
     time_s, values = rows(path, "/raw/r2/normal")
     assert np.array_equal(values, np.concatenate([step.raw.normal[:, 1] for step in steps]))
@@ -228,7 +222,7 @@ def test_an_error_leaves_a_readable_recording(motor_fmu, tmp_path):
         step = system.step(np.array([SOUTH, NORTH]))
         recorder.write(step, Decision(step.action, np.zeros((2, 8))))
         system.step(np.array([SOUTH]))
-    assert verified(path)
+    assert rrd("verify", path)
     assert len(rows(path, "/sim/r1/motors/omega")[0]) == 2000
 
 
@@ -240,7 +234,7 @@ def test_full_disk_is_told_before_data_is_lost(tmp_path, monkeypatch):
         monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 1000))
         with pytest.raises(UserError, match="free some space"):
             file.check_space()
-    assert verified(path)
+    assert rrd("verify", path)
 
 
 # Episodes of a file each that never end: an RL step of two robots over and over, recorded as if it
@@ -342,7 +336,7 @@ def test_signals_may_be_empty(tmp_path, values):
     path = tmp_path / "episode.rrd"
     with Recording(path, "test", None) as file:
         file.columns("/sim/r1/heading", simulated(np.arange(float(len(values)))), scalars(values))
-    assert verified(path)
+    assert rrd("verify", path)
     assert len(read_rrd(path).signals["/sim/r1/heading"].values) == len(values)
 
 
