@@ -1,5 +1,8 @@
-"""One episode at a time: a batch with one place."""
+"""Helpers of the co-simulation's tests: one episode at a time, equal signals, Rerun's program."""
 
+import subprocess
+import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +40,17 @@ class CoSimulation(Batch):
 
     def step(self, action: np.ndarray) -> Step:
         return self.advance({0: action})[0]
+
+
+def rrd(*arguments: str | Path) -> bool:
+    """Whether `rerun rrd` succeeds with these arguments."""
+    command = [Path(sys.executable).with_name("rerun"), "rrd", *arguments]
+    return not subprocess.run(command, capture_output=True, check=False).returncode
+
+
+def same(ours: Iterable[Any], theirs: Iterable[Any]) -> bool:
+    """Whether signals are equal, one by one."""
+    return all(np.array_equal(a, b) for a, b in zip(ours, theirs, strict=True))
 
 
 def drive(

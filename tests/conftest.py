@@ -11,18 +11,17 @@ import tempfile
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 
-from cosim.base.errors import run_command
 from cosim.base.storage import cache_dir
-from cosim.onboard.features import DIRECTION_COUNT, Observation
-from fmus.build import cached_fmu
-from minirobots.runner import execute
+
+if TYPE_CHECKING:
+    from cosim.onboard.features import Observation
 
 # First calls compile kernels, and machines are busy: nothing is judged by the time it takes.
 settings.register_profile(
@@ -100,6 +99,8 @@ class Ended(NamedTuple):
 @pytest.fixture(scope="session")
 def command():
     """Run a command, by its name, or a module with `main`, in this process with its imports."""
+    from cosim.base.errors import run_command
+    from minirobots.runner import execute
 
     def run(module: ModuleType | str, *arguments: Any) -> Ended:
         if isinstance(module, str):
@@ -125,11 +126,15 @@ def command():
 
 @pytest.fixture(scope="session")
 def motor_fmu() -> Path:
+    from fmus.build import cached_fmu
+
     return cached_fmu("VibrationMotor")
 
 
 @pytest.fixture(scope="session")
 def array_fmu() -> Path:
+    from fmus.build import cached_fmu
+
     return cached_fmu("VibrationMotors")
 
 
@@ -160,11 +165,10 @@ class StraightPolicy:
     def __init__(self, targets: tuple[tuple[int, int], ...]) -> None:
         self._targets = np.array(targets)
 
-    def act(self, observation: Observation) -> np.ndarray:
+    def act(self, observation: "Observation") -> np.ndarray:
         offset = np.sign(self._targets - observation.cells)
-        sector = 2.0 * math.pi / DIRECTION_COUNT
-        turns = np.round(np.arctan2(offset[:, 1], offset[:, 0]) / sector)
-        return turns.astype(int) % DIRECTION_COUNT
+        turns = np.round(np.arctan2(offset[:, 1], offset[:, 0]) / (math.pi / 4.0))
+        return turns.astype(int) % 8
 
 
 @pytest.fixture(scope="session")

@@ -270,27 +270,6 @@ def check(kind: str, found: dict[str, str], file: Path) -> None:
     assert found.keys() == expected[kind].keys()
 
 
-def test_bits_may_change_with_the_version_of_a_producer_only(tmp_path, monkeypatch):
-    file = tmp_path / "digests.json"
-    versions = {name: import_module(name).VERSION for name in PRODUCERS["moves"]}
-    file.write_text(json.dumps({"moves": {"a": "0"}, "versions": {"moves": versions}}), "utf-8")
-    check("moves", {"a": "0"}, file)
-    for write in ("", "write"):
-        monkeypatch.setenv("DIGESTS", write)
-        with pytest.raises(
-            pytest.fail.Exception, match=r"raise VERSION of .*agent\.moves\.observe"
-        ):
-            check("moves", {"a": "1"}, file)
-    monkeypatch.setattr("agent.moves.observe.VERSION", 2)
-    monkeypatch.delenv("DIGESTS")
-    with pytest.raises(AssertionError, match="write the digests again"):
-        check("moves", {"a": "0"}, file)
-    monkeypatch.setenv("DIGESTS", "write")
-    check("moves", {"a": "1"}, file)
-    monkeypatch.delenv("DIGESTS")
-    check("moves", {"a": "1"}, file)
-
-
 @pytest.mark.parametrize("kind", sorted(PRODUCERS))
 def test_bits_are_those_committed(kind, tmp_path, straight_policy, monkeypatch):
     monkeypatch.setattr("agent.moves.observe.WALKS", 2)

@@ -176,8 +176,9 @@ class Run(Command):
             scenario,
             self.train_seed or 0,
             episodes=self.train_episodes,
-            motor_fmu=self.physics.motor_fmu,
-            motor_parameters=self.physics.motor_parameters,
+            # The motors drive the episodes in any case; only moves are observed with them.
+            motor_fmu=self.physics.motor_fmu if method.through else None,
+            motor_parameters=self.physics.motor_parameters if method.through else (),
             preset=self.physics.preset,
             progress=progress,
         )

@@ -18,31 +18,22 @@ MAX_GROWTH_BYTES = 4 * 2**30  # of addresses, more than is used
 MAX_CPU_S = 300  # kernels may have to be compiled
 
 
-def bound() -> None:
+def run(*arguments: str) -> tuple[object, str, str, int]:
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MAX_GROWTH_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
     used = resource.getrusage(resource.RUSAGE_SELF)
     most_s = int(used.ru_utime + used.ru_stime) + MAX_CPU_S
     resource.setrlimit(resource.RLIMIT_CPU, (most_s, resource.RLIM_INFINITY))
-
-
-def run(*arguments: str) -> dict[str, object]:
     out, err, status = io.StringIO(), io.StringIO(), 0
     sys.argv = ["minirobots", *arguments]
-    bound()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
             main()
         except SystemExit as end:
             status = end.code or 0
     most_bytes = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return {
-        "status": status,
-        "stdout": out.getvalue(),
-        "stderr": err.getvalue(),
-        "most_bytes": most_bytes,
-    }
+    return status, out.getvalue(), err.getvalue(), most_bytes
 
 
 for line in sys.stdin:

@@ -63,7 +63,7 @@ class Case(NamedTuple):
     """A command.
 
     Attributes:
-        arguments: of Python; "OUT" is the folder of results.
+        arguments: of Python; OUT in them is the folder of results.
         fresh: kinds of things that its cache does not have at first.
     """
 
@@ -87,7 +87,7 @@ class Workplace:
                 (self.cache / kind).symlink_to(cache_dir(kind), target_is_directory=True)
 
     def start(self, prepare: Callable[[], None] | None = None) -> subprocess.Popen[str]:
-        arguments = [str(self.out) if a == "OUT" else a for a in self.case.arguments]
+        arguments = [a.replace("OUT", str(self.out)) for a in self.case.arguments]
         return subprocess.Popen(
             [sys.executable, *arguments],
             stdout=subprocess.PIPE,
@@ -98,23 +98,27 @@ class Workplace:
             preexec_fn=prepare,  # noqa: PLW1509 - of one thread
         )
 
+    def end(self, prepare: Callable[[], None] | None = None) -> tuple[int, str]:
+        """Run the command to its end; its status, and what it said on stderr."""
+        process = self.start(prepare)
+        errors = errors_of(process)
+        return process.returncode, errors
+
     def run(self) -> tuple[float, str]:
         """Run the command to its end; the time that it took in s, and what it said on stderr."""
         began = time.perf_counter()
-        process = self.start()
-        errors = errors_of(process)
-        assert process.returncode == 0, errors
+        status, errors = self.end()
+        assert status == 0, errors
         return time.perf_counter() - began, errors
 
-    def stop(self, moment_s: float, how: signal.Signals = signal.SIGKILL) -> int:
-        """Start the command and send a signal to all its processes after a time; its status."""
+    def kill(self, moment_s: float) -> None:
+        """Start the command, and kill all its processes after a time."""
         process = self.start()
         try:
-            process.wait(moment_s)
+            process.communicate(timeout=moment_s)
         except subprocess.TimeoutExpired:
-            os.killpg(process.pid, how)
-        process.communicate()
-        return process.returncode
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
 
     def files(self) -> dict[str, Any]:
         """What every file of the results says; None if its name says that it is not whole."""

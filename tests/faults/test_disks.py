@@ -5,13 +5,13 @@ import os
 import re
 import resource
 import subprocess
-import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from tests.faults.killing import CACHED, REMADE, Case, Workplace, errors_of, without_progress
+from tests.faults.killing import CACHED, REMADE, Case, Workplace, without_progress
 
 DAC_OVERRIDE, DAC_READ_SEARCH, PR_CAPBSET_DROP = 1, 2, 24
 FULL_BYTES = 1000
@@ -23,8 +23,8 @@ COMMANDS = {
     "training": (*TRAIN, "--out", "OUT/a"),
     "FMU": ("-m", "minirobots", "fmu", "--model", "VibrationMotor", "--out", "OUT/a"),
 }
-MARKED = [pytest.param(name, marks=pytest.mark.faults) for name in COMMANDS]
-ALL = ["excitation", *MARKED[1:]]  # the first one costs little
+# What is done before a command starts in its process.
+Prepare = Callable[[], None] | None
 
 
 def powerless() -> None:
@@ -33,111 +33,98 @@ def powerless() -> None:
         ctypes.CDLL(None).prctl(PR_CAPBSET_DROP, capability, 0, 0, 0)  # others have it not
 
 
-def limited() -> None:
+def limited(size: int = FULL_BYTES) -> None:
     """Let no file grow beyond what a small one has: writes fail as on a full disk."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (FULL_BYTES, FULL_BYTES))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
-def write_in(
-    tmp_path: Path, name: str, prepare: Callable[[], None], out: str = "out"
-) -> tuple[int, str]:
-    """Run a command in the folder `out`; its status and what it said on stderr."""
-    place = Workplace(tmp_path / "work", Case(COMMANDS[name], ()))
-    place.out = tmp_path / out
-    arguments = [a.replace("OUT", str(place.out)) for a in place.case.arguments]
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        capture_output=True,
-        text=True,
-        env=place.environment,
-        preexec_fn=prepare,
-        check=False,
-    )
-    return done.returncode, without_progress(done.stderr)
-
-
-def refused(ended: tuple[int, str], out: Path, said: str) -> None:
-    status, errors = ended
-    assert status == 2, errors
-    assert errors.startswith("error: ")
-    assert errors.count("\n") == 1
-    assert str(out) in errors
-    assert re.search(said, errors)
-    assert [p for p in out.parent.rglob("*") if ".tmp-" in p.name] == []
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_no_permission(tmp_path, name):
-    out = tmp_path / "out"
-    out.mkdir(mode=0o555)
-    refused(write_in(tmp_path, name, powerless), out, "permission denied; choose another place")
-    assert list(out.iterdir()) == []
-
-
-@pytest.mark.parametrize("name", MARKED)
-def test_a_file_where_a_folder_should_be(tmp_path, name):
-    (tmp_path / "out").touch()
-    refused(write_in(tmp_path, name, powerless), tmp_path / "out", "choose another place")
-    assert (tmp_path / "out").read_bytes() == b""
-
-
-@pytest.mark.parametrize("name", MARKED)
-def test_missing_parents_are_made(tmp_path, name):
-    status, errors = write_in(tmp_path / "deep", name, lambda: None)
-    assert status == 0, errors
-    assert list((tmp_path / "deep" / "out").iterdir())
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_a_name_that_is_too_long(tmp_path, name):
-    ended = write_in(tmp_path, name, lambda: None, "a" * 300)
-    refused(ended, tmp_path / ("a" * 300), "its name is longer than the file system allows")
-
-
-@pytest.mark.faults
-def test_files_may_not_grow(tmp_path):
-    out = tmp_path / "out"
-    refused(write_in(tmp_path, "excitation", limited), out, "ulimit -f")
+def mounted(folder: Path, size: str) -> bool:
+    """Make a folder a disk of its own, where this user may mount anything."""
+    mount = ("mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder))
+    return not os.geteuid() and not subprocess.run(mount, check=False).returncode
 
 
 @pytest.fixture
-def disk(tmp_path):
-    """Makes `out` a small disk, full but for some bytes, or one that is read-only.
-
-    Where this user may not mount anything, limits and permissions stand in for it.
-    """
-    out = tmp_path / "out"
-    out.mkdir()
-
-    def make(free_bytes: int | None) -> tuple[Callable[[], None], str]:
-        mount = ("mount", "-t", "tmpfs", "-o", f"size={DISK_BYTES}", "tmpfs", str(out))
-        mounted = not os.geteuid() and not subprocess.run(mount, check=False).returncode
-        if free_bytes is None:
-            if not mounted:
-                out.chmod(0o555)
-                return powerless, "permission denied"
-            subprocess.run(("mount", "-o", "remount,ro", str(out)), check=True)
-            return lambda: None, "the file system is read-only"
-        if not mounted:
-            return limited, "free some|ulimit -f"
-        (out / "other").write_bytes(bytes(DISK_BYTES - free_bytes))
-        return lambda: None, "free some space"
-
-    yield make
-    if out.is_mount():
-        subprocess.run(("umount", str(out)), check=True)
+def out(tmp_path):
+    """A folder that may become a disk of its own."""
+    path = tmp_path / "out"
+    path.mkdir()
+    yield path
+    if path.is_mount():
+        subprocess.run(("umount", str(path)), check=True)
 
 
-@pytest.mark.parametrize("name", MARKED)
-def test_a_read_only_disk(tmp_path, disk, name):
-    prepare, said = disk(None)
-    refused(write_in(tmp_path, name, prepare), tmp_path / "out", said)
+def forbidden(out: Path) -> tuple[Prepare, str]:
+    out.chmod(0o555)
+    return powerless, "permission denied; choose another place"
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_a_full_disk(tmp_path, disk, name):
-    prepare, said = disk(0)
-    refused(write_in(tmp_path, name, prepare), tmp_path / "out", said)
+def file(out: Path) -> tuple[Prepare, str]:
+    out.rmdir()
+    out.touch()
+    return powerless, "choose another place"
+
+
+def read_only(out: Path) -> tuple[Prepare, str]:
+    if not mounted(out, str(DISK_BYTES)):
+        return forbidden(out)
+    subprocess.run(("mount", "-o", "remount,ro", str(out)), check=True)
+    return None, "the file system is read-only"
+
+
+def full(out: Path, free_bytes: int = 0) -> tuple[Prepare, str]:
+    if not mounted(out, str(DISK_BYTES)):
+        return limited, "free some|ulimit -f"
+    (out / "other").write_bytes(bytes(DISK_BYTES - free_bytes))
+    return None, "free some space"
+
+
+PLACES: dict[str, Callable[[Path], tuple[Prepare, str]]] = {
+    "without permission": forbidden,
+    "a file": file,
+    "a name that is too long": lambda _: (None, "its name is longer than the file system allows"),
+    "read-only": read_only,
+    "full": full,
+    "limited": lambda _: (limited, "ulimit -f"),
+}
+QUICK = {"without permission", "a name that is too long", "full"}  # for the first command
+CASES = [
+    pytest.param(
+        place, name, marks=() if {place, name} <= {*QUICK, "excitation"} else pytest.mark.faults
+    )
+    for place in PLACES
+    for name in COMMANDS
+    if place != "limited" or name == "excitation"
+]
+
+
+@pytest.mark.parametrize(("place", "name"), CASES)
+def test_a_place_where_nothing_can_be_written(tmp_path, out, place, name):
+    def contents() -> dict[Path, bytes]:
+        files = [path for path in (out, *out.rglob("*")) if path.is_file()]
+        return {path: path.read_bytes() for path in files}
+
+    prepare, said = PLACES[place](out)
+    before, work = contents(), Workplace(tmp_path / "work", Case(COMMANDS[name], ()))
+    work.out = out.with_name("a" * 300) if "long" in place else out
+    status, errors = work.end(prepare)
+    errors = without_progress(errors)
+    assert status == 2, errors
+    assert errors.startswith("error: ")
+    assert errors.count("\n") == 1
+    assert str(work.out) in errors
+    assert re.search(said, errors)
+    assert contents() == before
+    assert [p for p in tmp_path.rglob("*") if ".tmp-" in p.name] == []
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize("name", COMMANDS)
+def test_missing_parents_are_made(tmp_path, name):
+    work = Workplace(tmp_path / "work", Case(COMMANDS[name], ()))
+    work.out = tmp_path / "deep" / "out"
+    work.run()
+    assert list(work.out.iterdir())
 
 
 @pytest.mark.faults
@@ -150,50 +137,36 @@ def test_a_cache_on_a_disk_that_fills(tmp_path, megabytes):
     arguments = ("--method", "paper", "--train-episodes", "20000", "--time-limit", "4")
     case = Case(("-m", "minirobots", "run", "--scenario", "1a", "--out", "OUT", *arguments), CACHED)
     place, other = Workplace(tmp_path / "full", case), Workplace(tmp_path / "other", case)
-    size = f"size={megabytes}m"
-    mount = ("mount", "-t", "tmpfs", "-o", size, "tmpfs", str(place.cache))
-    mounted = not os.geteuid() and not subprocess.run(mount, check=False).returncode
-    limit = (megabytes * 10_000, megabytes * 10_000)
+    disk = mounted(place.cache, f"{megabytes}m")
     try:
-        statuses = []
         for _ in range(5):
-            process = place.start(
-                None if mounted else lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-            )
-            errors = errors_of(process)
-            statuses.append(process.returncode)
-            if process.returncode:
+            status, errors = place.end(None if disk else partial(limited, megabytes * 10_000))
+            assert status in {0, 2}, errors
+            if status:
                 assert re.search("free some|ulimit -f", errors), errors
                 assert without_progress(errors).count("\n") == 1, errors
             assert not REMADE.search(errors)
-        print(f"{megabytes} MB: {statuses}")
-        assert set(statuses) <= {0, 2}
-        if mounted:
+        if disk:
             again = ("mount", "-o", "remount,size=500m", str(place.cache))
             subprocess.run(again, check=True)
-        _, errors = place.run()
-        assert not REMADE.search(errors)
         other.environment["MINIROBOTS_CACHE"] = str(place.cache)
-        _, errors = other.run()
-        assert not REMADE.search(errors)
+        for each in (place, other):
+            _, errors = each.run()
+            assert not REMADE.search(errors)
         assert other.files() == place.files()
         assert not [path for path in place.cache.rglob("*.tmp-*") if path.is_file()]
     finally:
-        if mounted:
+        if disk:
             subprocess.run(("umount", str(place.cache)), check=True)
 
 
 @pytest.mark.faults
-def test_a_disk_without_room_for_a_recording(tmp_path, disk):
+def test_a_disk_without_room_for_a_recording(tmp_path, out):
     """What a recording needs is looked for before it begins."""
-    prepare, _ = disk(900_000)
-    place = Workplace(tmp_path / "work", Case(("-m", "minirobots", "run"), ()))
-    done = subprocess.run(
-        [sys.executable, "-m", "minirobots", "run", "--scenario", "1a", "--method", "shortest",
-         "--time-limit", "4", "--out", tmp_path / "out"],
-        capture_output=True, text=True, env=place.environment, preexec_fn=prepare, check=False,
-    )  # fmt: skip
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert "MB are free" in done.stderr or "ulimit" in done.stderr
-    assert not list((tmp_path / "out").rglob("*.rrd"))
+    prepare, _ = full(out, 900_000)
+    options = ("--scenario", "1a", "--method", "shortest", "--time-limit", "4", "--out", str(out))
+    work = Workplace(tmp_path / "work", Case(("-m", "minirobots", "run", *options), ()))
+    status, errors = work.end(prepare)
+    assert (status, errors.count("\n")) == (2, 1)
+    assert "MB are free" in errors or "ulimit" in errors
+    assert not list(out.rglob("*.rrd"))

@@ -17,12 +17,11 @@ TRACK = "time,x,y,heading,omega_1,omega_2\n"
 ROBOT = '[[robots]]\ntarget = [5, 5]\nstarts = "top"\n'
 
 
-Content = str | bytes | Callable[[Path, Path], object]  # the latter makes it, and sees the FMU
+Maker = Callable[[Path, Path], object]  # of a file at the first path, and sees the FMU
+Content = str | bytes | Maker
 
 
-def described(
-    change: Callable[[str], str | bytes], *, binary: bytes | None = None
-) -> Callable[[Path, Path], object]:
+def described(change: Callable[[str], str | bytes], *, binary: bytes | None = None) -> Maker:
     """The motor FMU with another modelDescription, and perhaps another binary."""
 
     def make(path: Path, fmu: Path) -> None:
@@ -41,7 +40,7 @@ def described(
     return make
 
 
-def attribute(tag: str, name: str, value: str) -> Callable[[Path, Path], object]:
+def attribute(tag: str, name: str, value: str) -> Maker:
     """The motor FMU with another value of an attribute in the first tag like this."""
 
     def change(xml: str) -> str:
@@ -90,7 +89,7 @@ FMUS: dict[str, tuple[Content, str]] = {
 }  # fmt: skip
 
 
-def arrays(**content: Any) -> Callable[[Path, Path], object]:
+def arrays(**content: Any) -> Maker:
     return lambda path, _: np.savez_compressed(path, **content)
 
 
@@ -109,7 +108,7 @@ def pickled(path: Path, _: Path) -> None:
     np.savez(path, config=payload, q=payload, visits=payload, random=payload)
 
 
-def declaring(size: int) -> Callable[[Path, Path], object]:
+def declaring(size: int) -> Maker:
     """An array of a few bytes that says that it is so long, unpacked."""
 
     def make(path: Path, _: Path) -> None:
@@ -122,7 +121,7 @@ def declaring(size: int) -> Callable[[Path, Path], object]:
     return make
 
 
-def configured(text: bytes) -> Callable[[Path, Path], object]:
+def configured(text: bytes) -> Maker:
     ones = {name: np.ones(1) for name in ("q", "visits", "random")}
     return arrays(config=np.frombuffer(text, dtype=np.uint8), **ones)
 
@@ -166,13 +165,10 @@ SCENARIOS: dict[str, tuple[Content, str]] = {
     ),
     "cells of nothing": ("cell_m = 1e-300\n" + ROBOT, "robot_diameter_m"),
     "infinite cells": ("cell_m = inf\n" + ROBOT, "cell_m"),
-    "cells of no number": ("cell_m = nan\n" + ROBOT, "cell_m"),
     "infinite robots": ("robot_diameter_m = inf\n" + ROBOT, "robot_diameter_m"),
     "tiny cells": ("cell_m = 1e-4\nrobot_diameter_m = 1e-4\n" + ROBOT, "distance_limit_m"),
     "a number of a thousand digits": (f"rows = {'9' * 1000}\n" + ROBOT, "rows"),
     "a number of ten thousand digits": (f"rows = {'9' * 10**4}\n" + ROBOT, "TOML"),
-    "an unknown key": ("colour = 1\n" + ROBOT, "colour is unknown"),
-    "another type": ('rows = "many"\n' + ROBOT, "rows = .many. is invalid"),
     "arrays without end": ("a = " + "[" * 10**5, "TOML"),
     "a key of twenty thousand parts": (
         f"rows = 9\n{DEEP} = 1\n" + ROBOT, "line 2 has a key of more than 32 parts"
@@ -194,13 +190,8 @@ WORLDS: dict[str, tuple[Content, str]] = {
         "expected array of length <= 1000",
     ),
     "infinite friction": ("[world]\nmu = inf", "mu = inf is invalid"),
-    "a load of no number": ("[world]\npayload_g = nan", "payload_g"),
-    "an unknown key": ("[world]\ngravity = 1", "world.gravity is unknown"),
-    "another type": ("[world]\nmu = [1]", r"world\.mu"),
 }  # fmt: skip
 PRESETS: dict[str, tuple[Content, str]] = {
-    "an unknown key": ("[body]\ncolour = 1", "body.colour is unknown"),
-    "another type": ('[motor]\nJ = "much"', "J = 'much' is invalid"),
     "an infinite mass": ("[body]\nmass_kg = inf", "mass_kg = inf is invalid"),
     "a mass beyond all floats": (f"[body]\nmass_kg = 0x{'f' * 400}", "mass_kg"),
     "a robot of nothing": ("[body]\ndiameter_m = 1e-320", "diameter_m"),
@@ -209,8 +200,6 @@ PRESETS: dict[str, tuple[Content, str]] = {
 }
 LONG = "[learning]\nepisodes = 1000000000\n"
 SETTINGS: dict[str, tuple[Content, str]] = {
-    "an unknown key": ("[learning]\nspeed = 1", "unknown field learning.speed"),
-    "another type": ("[learning]\nepisodes = 'all'", r"learning\.episodes"),
     "a table that is none": ("learning = 3", "learning"),
     "endless episodes": (f"[learning]\nepisodes = 1{'0' * 30}", "episodes = 1000"),
     "a curve of a billion points": (LONG + "log_episodes = 1\nlog_window = 1", "log_episodes"),
@@ -243,11 +232,8 @@ def track(*times: float) -> str:
 
 TRACKS: dict[str, tuple[Content, str]] = {
     "nothing": ("", "line 1 has no column time"),
-    "another head": ("a,b\n1,2\n", "line 1 has no column time"),
     "a head alone": (TRACK, "after 0 frames"),
     "words": (TRACK + "a,b,c,d,e,f\n", "line 2: time: 'a' is not a number"),
-    "no numbers": (TRACK + "nan,0,0,0,0,0\n", "line 2: time: 'nan' is not a number"),
-    "a short line": (TRACK + "1,2\n", "line 2: y: the number is missing"),
     "time backwards": (
         track(*(k / 10 if k != 50 else 0 for k in range(200))), "line 52: its time is not after"
     ),

@@ -50,46 +50,45 @@ def faulty_fmu(motor_fmu, tmp_path_factory) -> Path:
     return path
 
 
+def start(fault: str, from_s: float, *arguments: object) -> subprocess.Popen[str]:
+    """Start a command whose FMU has a fault from a simulated time on."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "minirobots", *map(str, arguments)],
+        env=os.environ | {"FAULT": fault, "FAULT_FROM": str(from_s)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
 @pytest.fixture(scope="module")
-def begin(faulty_fmu, tmp_path_factory):
-    """Runs the main command with the faulty FMU."""
+def drive(faulty_fmu, tmp_path_factory):
+    """Starts the main command with the faulty FMU, which was calibrated while it was sound."""
     folder = tmp_path_factory.mktemp("drive")
     (folder / "one.toml").write_text(SCENARIO)
-    number = 0
 
-    def run(fault, *options, time_limit=4, fault_from=2.5, start=subprocess.run, **keywords):
-        nonlocal number
-        number += 1
-        out = folder / f"run{number}"
-        command = [sys.executable, "-m", "minirobots", "run", "--scenario", folder / "one.toml"]
-        command += ["--method", "paper", "--train-episodes", "2000", "--out", out]
-        command += ["--motor-fmu", faulty_fmu, "--time-limit", time_limit, *options]
-        words = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        environment = os.environ | {"FAULT": fault, "FAULT_FROM": str(fault_from)}
-        return out, start(list(map(str, command)), env=environment, **words | keywords)
+    def run(fault, *options, time_limit=4, from_s=2.5):
+        out = folder / str(len(list(folder.iterdir())))
+        line = ["run", "--scenario", folder / "one.toml", "--out", out, "--motor-fmu", faulty_fmu]
+        line += ["--method", "paper", "--train-episodes", 2000, "--time-limit", time_limit]
+        return out, start(fault, from_s, *line, *options)
 
+    status, errors = ended(run("none")[1])
+    assert status == 0, errors
     return run
-
-
-@pytest.fixture(scope="module")
-def drive(begin):
-    """The same with an FMU that was calibrated while it was sound."""
-    _, sound = begin("none", check=False)
-    assert sound.returncode == 0, sound.stderr
-    return begin
 
 
 @pytest.fixture
 def motor_test(faulty_fmu, tmp_path):
-    """Tests the faulty FMU in a process of its own."""
+    """Starts a test of the faulty FMU in a process of its own."""
+    line = ("motor-test", "--motor-fmu", faulty_fmu, "--isolate", "--out", tmp_path / "test.rrd")
+    return lambda fault: start(fault, 0.005, *line)
 
-    def run(fault, start, **keywords):
-        command = [sys.executable, "-m", "minirobots", "motor-test", "--motor-fmu", faulty_fmu]
-        command += ["--isolate", "--out", tmp_path / "test.rrd"]
-        environment = os.environ | {"FAULT": fault, "FAULT_FROM": "0.005"}
-        return start(command, env=environment, stderr=subprocess.PIPE, text=True, **keywords)
 
-    return run
+def ended(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """Status of a command, and what it said on stderr."""
+    errors = process.communicate()[1]
+    return process.returncode, errors
 
 
 FAULTS = {
@@ -105,12 +104,12 @@ FAULTS = {
 @pytest.mark.faults
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_named_with_the_time(fault, drive):
-    _, ended = drive(fault, check=False)
-    assert ended.returncode == 2
-    (sentence,) = [line for line in ended.stderr.splitlines() if line.startswith("error: ")]
+    status, errors = ended(drive(fault)[1])
+    assert status == 2
+    (sentence,) = [line for line in errors.splitlines() if line.startswith("error: ")]
     assert FAULTS[fault] in sentence
     assert "Faulty.fmu" in sentence or "robot 1" in sentence
-    assert "Traceback" not in ended.stderr
+    assert "Traceback" not in errors
 
 
 @pytest.mark.parametrize("fault", ["nan", "inf"])
@@ -128,15 +127,15 @@ def test_the_first_signal_that_is_no_number_is_named(fault, faulty_fmu, monkeypa
 
 @pytest.mark.long
 def test_a_crash_is_named(motor_test, tmp_path):
-    ended = motor_test("crash", subprocess.run, check=False)
-    assert ended.returncode == 2
-    assert re.search(r"error: motor FMU .*Faulty\.fmu crashed \(SIGSEGV\), .*\n$", ended.stderr)
+    status, errors = ended(motor_test("crash"))
+    assert status == 2
+    assert re.search(r"error: motor FMU .*Faulty\.fmu crashed \(SIGSEGV\), .*\n$", errors)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.faults
 def test_interrupts_end_what_never_returns(motor_test):
-    process = motor_test("hang", subprocess.Popen)
+    process = motor_test("hang")
     while process.poll() is None:
         time.sleep(0.5)
         process.send_signal(signal.SIGINT)
@@ -147,9 +146,10 @@ def test_interrupts_end_what_never_returns(motor_test):
 def test_earlier_episodes_are_whole(drive, monkeypatch):
     monkeypatch.setenv("FAULT_AFTER", "3")  # one read for its parameters, two of the first episode
     options = ("--isolate", "--episodes", "2", "--jobs", "1", "--driver", "reference")
-    out, ended = drive("crash", *options, time_limit=2, fault_from=1.5, check=False)
-    assert ended.returncode == 2
-    assert "Faulty.fmu crashed (SIGSEGV)" in ended.stderr
+    out, process = drive("crash", *options, time_limit=2, from_s=1.5)
+    status, errors = ended(process)
+    assert status == 2
+    assert "Faulty.fmu crashed (SIGSEGV)" in errors
     (episode,) = json.loads((out / "summary.json").read_text())["episodes"]
     assert [path.name for path in (out / "episodes").glob("*.rrd")] == ["ep_000.rrd"]
     assert episode["recording"] == "episodes/ep_000.rrd"
@@ -158,12 +158,12 @@ def test_earlier_episodes_are_whole(drive, monkeypatch):
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 @pytest.mark.faults
 def test_an_interrupt_reaches_the_child(sent, status, drive):
-    out, process = drive("none", "--isolate", time_limit=600, start=subprocess.Popen)
+    out, process = drive("none", "--isolate", time_limit=600)
     while not list((out / "episodes").glob("*.part")):
         assert process.poll() is None
         time.sleep(0.05)
     process.send_signal(sent)
-    _, errors = process.communicate()
-    assert process.returncode == status, errors
+    found, errors = ended(process)
+    assert found == status, errors
     assert "Traceback" not in errors
     assert list((out / "episodes").glob("*.rrd"))

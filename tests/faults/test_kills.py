@@ -12,14 +12,7 @@ from typing import Any
 
 import pytest
 
-from tests.faults.killing import (
-    CACHED,
-    REMADE,
-    Case,
-    Workplace,
-    cases,
-    errors_of,
-)
+from tests.faults.killing import CACHED, REMADE, Case, Workplace, cases, errors_of
 
 MOMENTS = 12
 ONE_BY_ONE = (
@@ -96,7 +89,7 @@ def test_killed_once(undisturbed, tmp_path, name, moment):
     share = moments(name)[moment]
     print(f"{name} is killed after {share:.3f} of {whole.duration_s:.1f} s")
     place = Workplace(tmp_path, whole.case)
-    place.stop(share * whole.duration_s)
+    place.kill(share * whole.duration_s)
     for file, content in place.files().items():  # which can all be read
         if content is not None and Path(file).name not in GROWING:
             assert content == whole.files[file], file
@@ -110,7 +103,7 @@ def test_killed_again_and_again(undisturbed, tmp_path, name):
     place = Workplace(tmp_path, whole.case)
     for share in (moment / 3.0 for moment in moments(name)):  # it continues from kill to kill
         print(f"{name} is killed after {share:.3f} of {whole.duration_s:.1f} s")
-        place.stop(share * whole.duration_s)
+        place.kill(share * whole.duration_s)
     check(place, whole)
 
 

@@ -1,23 +1,23 @@
-"""The FMU under test, driven through fmpy's classes (`rig`) or by bare C calls (`instance`)."""
+"""The FMUs under test, driven by bare C calls of both standards."""
 
 import ctypes
 import struct
 import sys
 import zipfile
 from collections.abc import Callable, Iterator
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi2 import fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
-from fmpy.fmi3 import FMU3Slave, fmi3LogMessageCallback
+from fmpy.fmi3 import fmi3LogMessageCallback
 
-from fmus.build import build_fmus, cached_fmu, instantiation_token
+from fmus.build import build_fmus, instantiation_token
 from fmus.compiler import host_target
 from fmus.description import read_description, variables_of
-from fmus.models import MODELS, Model
+from fmus.models import Model
 
 OUTPUTS = ("theta", "omega", "omega_dot", "V_s", "i")
 OK, ERROR = 0, 3
@@ -27,50 +27,13 @@ FIELD = {
     "integral": (56, "=d"), "time": (40, "=d"), "owed": (32, "=d"), "stop_time": (24, "=d"),
     "life_cycle": (16, "=q"),
 }  # fmt: skip
-VARIABLES = {
-    model: {v.attrib["name"]: v for v in variables_of(read_description(model))} for model in MODELS
-}
-REFERENCE = {
-    model: {"time": 0} | {n: int(v.attrib["valueReference"]) for n, v in variables.items()}
-    for model, variables in VARIABLES.items()
-}
+token_of = cache(instantiation_token)
 
 
-class Rig:
-    """One FMI 3.0 co-simulation instance in Step Mode."""
-
-    def __init__(self, folder: str, description: Any, **start: float | bool) -> None:
-        self.reference = {v.name: v.valueReference for v in description.modelVariables}
-        self.fmu = FMU3Slave(
-            guid=description.guid,
-            unzipDirectory=folder,
-            modelIdentifier=description.coSimulation.modelIdentifier,
-            instanceName="rig",
-        )
-        self.fmu.instantiate()
-        self.set(**start)
-        self.fmu.enterInitializationMode()
-        self.fmu.exitInitializationMode()
-        self.time_s = 0.0
-
-    def set(self, **values: float | bool) -> None:
-        for name, value in values.items():
-            setter = {bool: self.fmu.setBoolean, int: self.fmu.setInt64, float: self.fmu.setFloat64}
-            setter[type(value)]([self.reference[name]], [value])
-
-    def get(self, *names: str) -> list[float]:
-        return self.fmu.getFloat64([self.reference[name] for name in names])
-
-    def run(self, duration_s: float, step_s: float = 1e-3, names: tuple[str, ...] = OUTPUTS):
-        """Times (n + 1,) and one array (n + 1,) per name, from now on."""
-        start, count = self.time_s, round(duration_s / step_s)
-        rows = [self.get(*names)]
-        for k in range(count):
-            self.fmu.doStep(start + k * step_s, step_s)
-            rows.append(self.get(*names))
-        self.time_s = start + count * step_s
-        columns = np.array(rows).T
-        return start + np.arange(count + 1) * step_s, dict(zip(names, columns, strict=True))
+@cache
+def variables(model: Model) -> dict[str, Any]:
+    """Variables of a model's description, by name."""
+    return {v.attrib["name"]: v for v in variables_of(read_description(model))}
 
 
 class Instance:
@@ -80,25 +43,21 @@ class Instance:
     """
 
     def __init__(
-        self,
-        library: Any,
-        token: str,
-        fmi: int,
-        logging: bool,
-        name: bytes | None,
-        model: Model = "VibrationMotor",
+        self, library: Any, token: str, fmi: int, logging: bool, name: bytes | None, model: Model
     ) -> None:
-        self.fmi, self.token, self.n = fmi, token, 1
+        self.fmi, self.token, self.n, self.time_s = fmi, token, 1, 0.0
         self.library = ctypes.CDLL(str(library)) if isinstance(library, Path) else library
         self.messages: list[str] = []
-        self.variables, self.reference = VARIABLES[model], REFERENCE[model]
+        self.variables = variables(model)
+        self.reference = {"time": 0} | {
+            name: int(v.attrib["valueReference"]) for name, v in self.variables.items()
+        }
         text = token.encode()
         if fmi == 2:
             log = fmi2CallbackLoggerTYPE(lambda *a: self.messages.append(a[4].decode()))
             self._keep = fmi2CallbackFunctions(logger=log), log
             make = self.library.fmi2Instantiate
-            arguments = [name, 1, text, b"", ctypes.byref(self._keep[0])]
-            arguments += [0, int(logging)]
+            arguments = [name, 1, text, b"", ctypes.byref(self._keep[0]), 0, int(logging)]
         else:
             log = fmi3LogMessageCallback(lambda *a: self.messages.append(a[3].decode()))
             self._keep = log, log
@@ -129,7 +88,7 @@ class Instance:
     def values(self, function: str, names: tuple[str, ...], values: np.ndarray) -> int:
         return self.exchange(function, self.references(*names), values)
 
-    def _kind(self, name: str, value: Any) -> tuple[str, Any]:
+    def kind_of(self, name: str, value: Any) -> tuple[str, Any]:
         """Name of a type in functions of the standard, and numpy's; a plain number says its own."""
         plain = {bool: "Boolean", int: "Int64", float: "Float64"}
         kind = plain.get(type(value)) or self.variables[name].tag
@@ -143,26 +102,11 @@ class Instance:
         """Worst status of setting each variable; a number is every motor's."""
         worst = OK
         for name, value in values.items():
-            kind, number = self._kind(name, value)
+            kind, number = self.kind_of(name, value)
             count = self.n if self.variables[name].findall("Dimension") else 1
             array = np.ascontiguousarray(np.broadcast_to(value, (count,)), dtype=number)
             worst = max(worst, self.values(f"Set{kind}", (name,), array))
         return worst
-
-    def refuses_whole(self, refused: int | str, **values: float | bool) -> bool:
-        """Whether one call that sets several variables is refused and changes none of them.
-
-        Args:
-            refused: value reference, or name, of the last one, which gets the first one's value.
-            values: of one type, by name.
-        """
-        first = next(iter(values.values()))
-        kind, number = self._kind("", first)
-        before = self.save()
-        last = self.reference[refused] if isinstance(refused, str) else refused
-        array = np.array([*values.values(), first], dtype=number)
-        status = self.exchange(f"Set{kind}", [*self.references(*values), last], array)
-        return status == ERROR and self.save() == before
 
     def refused(self, status: int, *words: str) -> None:
         """Assert that a call was refused with these words."""
@@ -184,6 +128,7 @@ class Instance:
         assert self.call("EnterConfigurationMode") == OK
         status = self.values("SetUInt64", tuple(sizes), np.array([*sizes.values()], np.uint64))
         assert self.call("ExitConfigurationMode") == OK
+        self.n = self.n if status else sizes.get("n", self.n)
         return status
 
     def enter_initialization(self, start_s: float = 0.0, stop_s: float | None = None) -> int:
@@ -193,26 +138,31 @@ class Instance:
         status = self.call("SetupExperiment", 0, 0.0, start_s, *stop)
         return max(status, self.call("EnterInitializationMode"))
 
-    def start(self, **values: Any) -> "Instance":
+    def start(self, start_s: float = 0.0, stop_s: float | None = None, **values: Any) -> "Instance":
         """Set, initialise and go to Step Mode."""
         assert self.set(**values) == OK, self.messages
-        assert self.enter_initialization() == OK
+        assert self.enter_initialization(start_s, stop_s) == OK
         assert self.call("ExitInitializationMode") == OK
         return self
 
-    def do_step(self, time_s: float, step_s: float) -> int:
+    def do_step(self, time_s: float, step_s: float, last: ctypes.c_double | None = None) -> int:
+        """Status of a step; `last` receives its end in FMI 3."""
         if self.fmi == 2:
             return self.call("DoStep", time_s, step_s, 1)
         flags = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]
-        last = ctypes.byref(ctypes.c_double())
-        return self.call("DoStep", time_s, step_s, ctypes.c_bool(True), *flags, last)
+        end = ctypes.byref(ctypes.c_double() if last is None else last)
+        return self.call("DoStep", time_s, step_s, ctypes.c_bool(True), *flags, end)
 
-    def set_logging(self, on: bool, *categories: str | None) -> int:
-        names = (ctypes.c_char_p * len(categories))(
-            *[None if c is None else c.encode() for c in categories]
-        )
-        flag = ctypes.c_bool(on) if self.fmi == 3 else ctypes.c_int(on)
-        return self.call("SetDebugLogging", flag, ctypes.c_size_t(len(categories)), names)
+    def run(self, duration_s: float, step_s: float = 1e-3, names: tuple[str, ...] = OUTPUTS):
+        """Times (n + 1,) and one array (n + 1,) per name, from now on."""
+        start, count = self.time_s, round(duration_s / step_s)
+        rows = [self.get(*names)]
+        for k in range(count):
+            assert self.do_step(start + k * step_s, step_s) == OK, self.messages
+            rows.append(self.get(*names))
+        self.time_s = start + count * step_s
+        columns = np.array(rows).T
+        return start + np.arange(count + 1) * step_s, dict(zip(names, columns, strict=True))
 
     def save(self) -> bytes:
         """The serialised state."""
@@ -266,105 +216,63 @@ class Instance:
 
 
 @pytest.fixture(scope="session")
-def fmu() -> Path:
-    """The FMI 3.0 FMU that the co-simulation uses."""
-    return cached_fmu("VibrationMotor")
-
-
-@pytest.fixture(scope="session")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
-    """The FMU of each standard, for this machine."""
+def fmus(array_fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[int | str, Path]:
+    """The FMU of a motor by its standard, and that of the array, for this machine."""
     folder = tmp_path_factory.mktemp("fmus")
-    paths = build_fmus({"2": folder / "fmi2.fmu", "3": folder / "fmi3.fmu"}, [host_target()])
-    return dict(zip((2, 3), paths, strict=True))
+    two, three = folder / "fmi2.fmu", folder / "fmi3.fmu"
+    build_fmus({"2": two, "3": three}, [host_target()])
+    return {2: two, 3: three, "array": array_fmu}
 
 
 @pytest.fixture(scope="session")
-def extracted(fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    folder = str(tmp_path_factory.mktemp("fmu"))
-    fmpy.extract(str(fmu), folder)
-    return folder
-
-
-@pytest.fixture(scope="session")
-def library(extracted: str) -> Path:
-    """The FMU's shared library."""
-    (path,) = (Path(extracted) / "binaries" / host_target()).iterdir()
-    return path
-
-
-@pytest.fixture(scope="session")
-def rig(extracted: str) -> Iterator[Callable[..., Rig]]:
-    description = fmpy.read_model_description(extracted)
-    rigs: list[Rig] = []
-
-    def make(**start: float | bool) -> Rig:
-        rigs.append(Rig(extracted, description, **start))
-        return rigs[-1]
-
-    yield make
-    for each in rigs:
-        each.fmu.fmi3FreeInstance(each.fmu.component)
-
-
-@pytest.fixture(scope="session")
-def array_library(array_fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    with zipfile.ZipFile(array_fmu) as archive:
-        (name,) = (n for n in archive.namelist() if n.startswith(f"binaries/{host_target()}/"))
-        return Path(archive.extract(name, tmp_path_factory.mktemp("array")))
-
-
-@pytest.fixture(scope="session")
-def token() -> str:
-    return instantiation_token("VibrationMotor")
-
-
-@pytest.fixture(scope="session")
-def array_token() -> str:
-    return instantiation_token("VibrationMotors")
+def libraries(motor_fmu, array_fmu, tmp_path_factory) -> dict[str, Path]:
+    """The shared library of each model's FMU."""
+    found, folder = {}, tmp_path_factory.mktemp("libraries")
+    for path in (motor_fmu, array_fmu):
+        with zipfile.ZipFile(path) as archive:
+            (name,) = (n for n in archive.namelist() if n.startswith(f"binaries/{host_target()}/"))
+            found[path.stem] = Path(archive.extract(name, folder))
+    return found
 
 
 @pytest.fixture
-def instance(library, token, array_library, array_token) -> Iterator[Callable[..., Instance]]:
-    """Make an instance of a motor by its standard; or of an array of one, by "array"."""
+def instance(libraries: dict[str, Path]) -> Iterator[Callable[..., Instance]]:
+    """Make a motor by its standard, or an "array" of `n` motors."""
     instances: list[Instance] = []
 
     def make(
         kind: int | str = 3,
-        token: str = token,
+        n: int = 1,
+        token: str | None = None,
         logging: bool = True,
-        library: Any = library,
+        library: Any = None,
         name: bytes | None = b"instance",
     ) -> Instance:
-        if isinstance(kind, int):
-            made = Instance(library, token, kind, logging, name)
-        else:
-            given = array_token if token == own else token
-            at = array_library if library == one_motor else library
-            made = Instance(at, given, 3, logging, name, "VibrationMotors")
+        model: Model = "VibrationMotors" if kind == "array" else "VibrationMotor"
+        fmi = 2 if kind == 2 else 3
+        made = Instance(
+            library or libraries[model], token or token_of(model), fmi, logging, name, model
+        )
         instances.append(made)
         if kind == "array" and made.handle:
-            assert made.set_sizes(n=1) == OK
+            assert made.set_sizes(n=n) == OK, made.messages
         return made
 
-    own, one_motor = token, library
     yield make
     for each in instances:
         each.free()
 
 
 @pytest.fixture
-def array(instance) -> Callable[..., Instance]:
+def array(instance: Callable[..., Instance]) -> Callable[..., Instance]:
     """Make an array of n motors."""
+    return partial(instance, "array")
 
-    def make(n: int = 4, **options: Any) -> Instance:
-        made = instance("array of several", **options)
-        if n != int(made.variables["n"].attrib["start"]):
-            assert made.set_sizes(n=n) == OK, made.messages
-        made.n = n
-        return made
 
-    return make
+@pytest.fixture
+def rig(instance: Callable[..., Instance]) -> Callable[..., Instance]:
+    """Make a motor in Step Mode, from its start values."""
+    return lambda **start: instance().start(**start)
 
 
 @pytest.fixture(params=[2, 3], ids=["fmi2", "fmi3"])

@@ -1,6 +1,5 @@
 """`python -m tests.judge --out DIR`: what validators and importers of others say of the FMUs."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,9 +11,9 @@ from fmus.models import MODELS, STANDARDS, Fmi
 from minirobots.runner import parse, print_json
 
 if TYPE_CHECKING:
-    from tests.judge.tools import Artefact, Tool, Verdict
+    from tests.judge.tools import Artefact, Tool
 
-_BEGIN, _END = "<!-- python -m tests.judge -->\n", "<!-- end -->\n"
+BEGIN, END = "<!-- python -m tests.judge -->\n", "<!-- end -->\n"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,13 +26,12 @@ class Judge:
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Folder of the results: the FMUs, judges that are built, verdicts.json and verdicts.md."""
-    fmusim_src: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Sources of the Reference FMUs, to compile fmusim of; on Debian it needs libxml2-dev,
-    libminizip-dev, zlib1g-dev and libsundials-dev."""
-    fmucheck_src: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Sources of the FMU Compliance Checker, which fetch the FMI Library when they are built."""
-    vdmcheck_jar: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Folder of the results: the FMUs, verdicts.json and verdicts.md."""
+    fmusim: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """fmusim of the Reference FMUs, a program."""
+    fmucheck: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """FMU Compliance Checker, a program."""
+    vdmcheck: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """VDMCheck of FMI 3, a Java archive."""
     page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Page (.md) whose table of verdicts is replaced."""
@@ -41,42 +39,22 @@ class Judge:
 
 def judges(options: Judge) -> "list[Tool]":
     """All judges, also those that are not at hand."""
-    from tests.judge import building, tools
-    from tests.judge.tools import Tool, package_version
+    from tests.judge import tools
+    from tests.judge.tools import Tool, package_version, version_in
 
-    def named(path: Path | None, option: str) -> Callable[[], str]:
-        def version() -> str:
-            if path is None:
-                raise tools.UserError(f"name it with {option}")
-            return building.version_in(path)
-
-        return version
-
-    folder, jar = options.out / "judges", options.vdmcheck_jar
-    sim, check = options.fmusim_src, options.fmucheck_src
-    fmusim = building.build_fmusim(sim, folder) if sim else folder
-    fmucheck = building.build_fmucheck(check, folder / "fmucheck") if check else folder
+    sim, check, vdm = options.fmusim, options.fmucheck, options.vdmcheck
     in_process = tools.simulate_in_process
     return [
         Tool("fmpy, validator", package_version("fmpy"), tools.validate_by_fmpy, models=MODELS),
         Tool("fmpy", package_version("fmpy"), tools.simulate_by_fmpy),
         Tool("ecospy", package_version("ecospy"), in_process("ecospy")),
         Tool("libcosimpy", package_version("libcosimpy"), in_process("libcosimpy"), ("2",)),
-        Tool("fmusim", named(sim, "--fmusim-src"), tools.simulate_by_fmusim(fmusim)),
-        Tool(
-            "FMU Compliance Checker",
-            named(check, "--fmucheck-src"),
-            tools.simulate_by_fmucheck(fmucheck),
-            ("2",),
-        ),
-        Tool(
-            "VDMCheck",
-            named(jar, "--vdmcheck-jar"),
-            tools.validate_by_vdmcheck(jar or folder),
-            ("3",),
-            MODELS,
-        ),
-    ]
+        Tool("fmusim", version_in(sim, "--fmusim"), tools.simulate_by_fmusim(sim)),
+        Tool("FMU Compliance Checker", version_in(check, "--fmucheck"),
+             tools.simulate_by_fmucheck(check), ("2",)),
+        Tool("VDMCheck", version_in(vdm, "--vdmcheck"), tools.validate_by_vdmcheck(vdm), ("3",),
+             MODELS),
+    ]  # fmt: skip
 
 
 def artefacts(folder: Path) -> "list[Artefact]":
@@ -93,55 +71,35 @@ def artefacts(folder: Path) -> "list[Artefact]":
     return found
 
 
-HEADER = ("tool", "version", "artefact", "says", "deviation")
-
-
-def rows_of(verdicts: "Sequence[Verdict]") -> list[tuple[str, ...]]:
-    """The table of verdicts."""
-    found = []
-    for v in verdicts:
-        deviation = "–" if v.deviation is None else f"{v.deviation:.1e}" if v.deviation else "0"
-        found.append((v.tool, v.version or "–", v.artefact, v.says, deviation))
-    return found
-
-
-def markdown(verdicts: "Sequence[Verdict]") -> str:
-    """The same as a table of a page."""
-    lines = [HEADER, ("---",) * len(HEADER), *rows_of(verdicts)]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-
 def main() -> None:
     """Command line; see `Judge`."""
     line = parse(Judge, "python -m tests.judge")
     options = line.options
-    from cosim.base.progress import progress_bars
     from cosim.base.storage import replacing, write_json
-    from cosim.base.table import show_texts
+    from cosim.base.table import Column, field, markdown, show
     from tests.judge.tools import UserError, ask
 
     page = options.page.read_text() if options.page else ""
-    if options.page and not (_BEGIN in page and _END in page):
-        raise UserError(
-            f"{options.page} has no place for the table, {_BEGIN.strip()} {_END.strip()}"
-        )
-    with progress_bars() as progress:
-        tools, fmus = judges(options), artefacts(options.out / "fmus")
-        asked = [(t, a) for t in tools for a in fmus if t.takes(a)]
-        verdicts = []
-        for done, (tool, artefact) in enumerate(asked):
-            progress("judging", done, len(asked), f"{tool.name}: {artefact.name}")
-            verdicts.append(ask(tool, artefact))
-        progress("judging", len(asked), len(asked))
+    if options.page and not (BEGIN in page and END in page):
+        raise UserError(f"{options.page} has no place for the table, {BEGIN.strip()} {END.strip()}")
+    tools, fmus = judges(options), artefacts(options.out / "fmus")
+    verdicts = [ask(tool, fmu) for tool in tools for fmu in fmus if tool.takes(fmu)]
+    columns = [
+        field("tool"),
+        Column("version", lambda row: row.version or "–"),
+        field("artefact"),
+        field("says"),
+        field("deviation", "{:.2g}"),
+    ]
     write_json(options.out / "verdicts.json", {"verdicts": verdicts})
-    texts = {options.out / "verdicts.md": markdown(verdicts)}
+    texts = {options.out / "verdicts.md": markdown(columns, verdicts) + "\n"}
     if options.page:
-        before, after = page.split(_BEGIN)[0], page.split(_END)[-1]
-        texts[options.page] = f"{before}{_BEGIN}{markdown(verdicts)}{_END}{after}"
+        before, after = page.split(BEGIN)[0], page.split(END)[-1]
+        texts[options.page] = f"{before}{BEGIN}{markdown(columns, verdicts)}\n{END}{after}"
     for path, text in texts.items():
         with replacing(path) as temporary:
             temporary.write_text(text)
-    show_texts(HEADER, rows_of(verdicts), numbers=1, names=3)
+    show(columns, verdicts, numbers=1, names=3)
     print(f"results in {options.out}/: verdicts.json, verdicts.md")
     if line.json:
         print_json({"verdicts": verdicts})

@@ -3,15 +3,9 @@
 Inputs are constant: importers differ in how they take inputs that change.
 """
 
-import tempfile
 from functools import cache
-from typing import Any
 
-import fmpy
 import numpy as np
-from fmpy.fmi3 import FMU3Slave
-
-from fmus.build import cached_fmu
 
 INPUTS = {"omega_des": 700.0, "d": 1e-6}
 STOP_S = 0.5
@@ -22,27 +16,14 @@ OUTPUTS = ["theta", "omega", "omega_dot", "V_s", "i"]
 
 @cache
 def reference_rows() -> np.ndarray:
-    """Outputs after every step, (steps, outputs) float64: a loop over the functions of FMI 3.0."""
-    path = str(cached_fmu("VibrationMotor"))
-    description: Any = fmpy.read_model_description(path)
-    reference = {v.name: v.valueReference for v in description.modelVariables}
-    with tempfile.TemporaryDirectory() as folder:
-        fmpy.extract(path, folder)
-        instance = FMU3Slave(
-            guid=description.guid,
-            unzipDirectory=folder,
-            modelIdentifier=description.coSimulation.modelIdentifier,
-            instanceName="reference",
-        )
-        instance.instantiate()
-        for name, value in INPUTS.items():
-            instance.setFloat64([reference[name]], [value])
-        instance.enterInitializationMode()
-        instance.exitInitializationMode()
-        rows = []
-        for k in range(STEPS):
-            instance.doStep(k * STEP_S, STEP_S)
-            rows.append(instance.getFloat64([reference[name] for name in OUTPUTS]))
-        instance.terminate()
-        instance.freeInstance()
+    """Outputs after every step, (steps, outputs) float64, as the co-simulation steps a motor."""
+    from cosim.fmi.motor import Motor, MotorFmu
+    from fmus.build import cached_fmu
+
+    motor, rows = Motor(MotorFmu(cached_fmu("VibrationMotor")), "reference", INPUTS), []
+    numbers = np.concatenate([motor.fmu.outputs, motor.fmu.electrical])[: len(OUTPUTS)]
+    for k in range(STEPS):
+        motor.step(k * STEP_S, STEP_S)
+        rows.append(motor.get(numbers))
+    motor.close()
     return np.array(rows)

@@ -12,14 +12,10 @@ from pathlib import Path
 from tests.judge.experiment import INPUTS, OUTPUTS, STEP_S, STEPS
 
 
-def link_ecospy() -> None:
-    """Load what ecospy links to without saying where: PyPI's tbb, in the environment."""
-    ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
-
-
 def run_ecospy(fmu: str) -> list[list[float]]:
     """Rows of outputs, by ecospy."""
-    link_ecospy()
+    # It links to PyPI's tbb without saying where.
+    ctypes.CDLL(str(Path(sys.prefix) / "lib" / "libtbb.so.12"), mode=ctypes.RTLD_GLOBAL)
     from ecospy import EcosSimulation, EcosSimulationStructure
 
     with EcosSimulationStructure() as structure:

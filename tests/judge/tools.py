@@ -108,6 +108,17 @@ def package_version(package: str) -> Callable[[], str]:
     return installed_version
 
 
+def version_in(path: Path | None, option: str) -> Callable[[], str]:
+    """The version that a program's path names, such as Reference-FMUs-0.0.39/fmusim."""
+
+    def named_version() -> str:
+        if path is None:
+            raise UserError(f"name it with {option}")
+        return ["unknown", *re.findall(r"\d+(?:\.\d+)+", str(path.resolve()))][-1]
+
+    return named_version
+
+
 def validate_by_fmpy(artefact: Artefact) -> list[str]:
     """Problems that fmpy's validator finds."""
     return fmpy.validation.validate_fmu(str(artefact.path))
@@ -130,7 +141,7 @@ def simulate_in_process(importer: str) -> Callable[[Artefact], np.ndarray]:
     return judge
 
 
-def simulate_by_fmusim(program: Path) -> Callable[[Artefact], np.ndarray]:
+def simulate_by_fmusim(program: Path | None) -> Callable[[Artefact], np.ndarray]:
     """Outputs by the fmusim of the Reference FMUs."""
 
     def judge(artefact: Artefact) -> np.ndarray:
@@ -146,7 +157,7 @@ def simulate_by_fmusim(program: Path) -> Callable[[Artefact], np.ndarray]:
     return judge
 
 
-def simulate_by_fmucheck(program: Path) -> Callable[[Artefact], np.ndarray]:
+def simulate_by_fmucheck(program: Path | None) -> Callable[[Artefact], np.ndarray]:
     """Outputs by the FMU Compliance Checker; raises ValueError with what it complains about."""
 
     def judge(artefact: Artefact) -> np.ndarray:
@@ -161,7 +172,7 @@ def simulate_by_fmucheck(program: Path) -> Callable[[Artefact], np.ndarray]:
     return judge
 
 
-def validate_by_vdmcheck(jar: Path) -> Callable[[Artefact], list[str]]:
+def validate_by_vdmcheck(jar: Path | None) -> Callable[[Artefact], list[str]]:
     """Problems that VDMCheck finds."""
 
     def judge(artefact: Artefact) -> list[str]:

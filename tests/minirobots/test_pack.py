@@ -1,4 +1,4 @@
-"""Packing an FMU from its sources: what is refused; test_tutorial.py runs docs/own.md with it."""
+"""Packing an FMU from its sources: what is refused; test_examples.py runs docs/own.md with it."""
 
 import pytest
 

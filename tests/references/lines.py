@@ -49,20 +49,17 @@ def drive_line(
         commands[:, GOAL_X] = trial.origins_m[:, 0] + length_m
         commands[:, GOAL_Y] = trial.origins_m[:, 1]
         commands[:, DIRECTION], commands[:, MODE] = 0.0, START
-        poses, modes, courses = [], [], []
+        parts = []
         while (commands[:, MODE] != HOLD).any() and trial.time_s < LIMIT_S:
-            samples = trial.advance(PERIODS)
-            poses.append(np.concatenate([samples.position, samples.quaternion], axis=2))
-            modes.append(samples.mode)
-            courses.append(samples.heading_error)
-        samples = trial.advance(PERIODS)  # come to rest
-        poses.append(np.concatenate([samples.position, samples.quaternion], axis=2))
-        modes.append(samples.mode)
-        courses.append(samples.heading_error)
+            parts.append(trial.advance(PERIODS))
+        parts.append(trial.advance(PERIODS))  # come to rest
         origins = trial.origins_m
-    pose, mode, course = (np.concatenate(parts) for parts in (poses, modes, courses))
-    aside = pose[:, :, 1] - origins[:, 1]
-    errors = (heading_angles(pose[:, :, 3:7]) + math.pi / 2.0) % math.pi - math.pi / 2.0
+    position, quaternion, mode, course = (
+        np.concatenate([getattr(samples, name) for samples in parts])
+        for name in ("position", "quaternion", "mode", "heading_error")
+    )
+    aside = position[:, :, 1] - origins[:, 1]
+    errors = (heading_angles(quaternion) + math.pi / 2.0) % math.pi - math.pi / 2.0
     held = mode == HOLD
     end = np.where(held.any(axis=0), held.argmax(axis=0), len(mode) - 1)
     robot = np.arange(robots)
@@ -75,7 +72,7 @@ def drive_line(
         np.where(held.any(axis=0), end * period_s, np.inf),
         np.where(driving, np.abs(aside), 0.0).max(axis=0),
         np.abs(aside[end, robot]),
-        pose[-1, :, 0] - origins[:, 0] - length_m,
+        position[-1, :, 0] - origins[:, 0] - length_m,
         np.abs(errors[end, robot]),
         passed if angle_rad > 0.0 else np.zeros(robots),
     )

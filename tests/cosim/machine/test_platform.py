@@ -39,30 +39,6 @@ def test_table_of_thresholds_and_net_speeds(mu):
     assert found == pytest.approx(speeds, rel=0.02, abs=TABLE_ROUNDING)
 
 
-def integrated_speed(body: platform.Platform, omega: float, steps: int, turns: int) -> float:
-    """Mean speed over the last turn by semi-implicit Euler, friction as an impulse per step."""
-    dt = 2.0 * math.pi / omega / steps
-    driving, limit = platform.forces(body, omega, 2.0 * math.pi * np.arange(1, steps + 1) / steps)
-    v, x, begun = 0.0, 0.0, 0.0
-    for _ in range(turns):
-        begun = x
-        for f, most in zip(driving, limit, strict=True):
-            free = v + f / body.mass * dt
-            v = math.copysign(max(0.0, abs(free) - most / body.mass * dt), free)
-            x += v * dt
-    return (x - begun) / (steps * dt)
-
-
-@pytest.mark.parametrize(("mu", "omega"), [(0.1, 700.0), (0.15, 900.0), (0.3, 1100.0)])
-def test_integration_converges_to_the_strokes(mu, omega):
-    """To first order: events fall between steps, so the error is of the size of one step."""
-    body = with_friction(mu)
-    exact = platform.net_speed(body, omega)
-    for steps in (1_000, 4_000):
-        error = abs(integrated_speed(body, omega, steps, 25) - exact)
-        assert error < 2.0 * math.pi / steps * exact
-
-
 @given(friction)
 def test_below_slip_speed_nothing_moves(mu):
     body = with_friction(mu)

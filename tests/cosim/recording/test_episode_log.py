@@ -44,12 +44,13 @@ def step(
     )
 
 
-def changes(log: EpisodeLog, step: Step, reward: np.ndarray = NOTHING) -> list[tuple[str, str]]:
-    return [(line.entity, line.state) for line in log.lines(step, reward) if line.entity]
-
-
-def texts(log: EpisodeLog, step: Step, reward: np.ndarray = NOTHING) -> list[tuple[str, str]]:
-    return [(line.level, line.text) for line in log.lines(step, reward)]
+def told(
+    log: EpisodeLog, step: Step, reward: np.ndarray = NOTHING
+) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Levels and texts of the lines, and what they say of states."""
+    lines = log.lines(step, reward)
+    states = [(line.entity, line.state) for line in lines if line.entity]
+    return [(line.level, line.text) for line in lines], states
 
 
 def test_collision_names_robots_time_and_distance():
@@ -73,48 +74,39 @@ def test_robots_that_touch_others_are_not_a_pair():
     assert EpisodeLog(SCENARIO, CONFIG).lines(step(touching=[1], apart_m=0.2), NOTHING) == []
 
 
-def test_moves_are_decided_and_given_up():
-    log = EpisodeLog(SCENARIO, CONFIG)
-    heads = ("INFO", "r1 in (5, 5) heads for 0°")
-    assert texts(log, step(0, decided=True)) == [heads]
-    assert texts(log, step(1, decided=True)) == [("WARN", "r1 gives its move up after 40 s"), heads]
-
-
-def test_states_of_a_move_follow_each_other():
+def test_moves_are_decided_given_up_and_ended():
     log, move = EpisodeLog(SCENARIO, CONFIG), "/rl/r1/move"
-    assert changes(log, step(0, decided=True)) == [(move, "0°")]
-    assert changes(log, step(1, decided=True)) == [(move, "given up"), (move, "0°")]
+    heads = ("INFO", "r1 in (5, 5) heads for 0°")
+    assert told(log, step(0, decided=True)) == ([heads], [(move, "0°")])
+    given_up = ("WARN", "r1 gives its move up after 40 s")
+    states = [(move, "given up"), (move, "0°")]
+    assert told(log, step(1, decided=True)) == ([given_up, heads], states)
     ended = step(2)._replace(completed=np.array([True, False]))
-    assert changes(log, ended, np.full(2, -1.0)) == [(move, "ended")]
-    assert changes(log, step(3, decided=True)) == [(move, "0°")]
+    assert told(log, ended, np.full(2, -1.0))[1] == [(move, "ended")]
+    assert told(log, step(3, decided=True))[1] == [(move, "0°")]
 
 
 def test_timeout_says_who_is_missing_and_how_far():
-    lines = texts(EpisodeLog(SCENARIO, CONFIG), step(outcome="timeout"))
+    lines, states = told(EpisodeLog(SCENARIO, CONFIG), step(outcome="timeout"))
     assert lines[0] == ("WARN", "r1 has not arrived: target 22.1 cm away")
     assert lines[-1] == ("ERROR", "episode ends: timeout")
     assert len(lines) == 3
-    assert changes(EpisodeLog(SCENARIO, CONFIG), step(outcome="timeout")) == [
-        ("/rl/r1/failure", "has not arrived"),
-        ("/rl/r2/failure", "has not arrived"),
-        ("/outcome", "timeout"),
-    ]
+    failures = [(f"/rl/r{robot}/failure", "has not arrived") for robot in (1, 2)]
+    assert states == [*failures, ("/outcome", "timeout")]
 
 
 def test_leaving_the_board_names_the_robot_and_the_place():
     lost = step(outcome="out_of_board")
     lost.samples.position[-1, 1, 0] = 0.3002
-    lines = texts(EpisodeLog(SCENARIO, CONFIG), lost)
+    lines, states = told(EpisodeLog(SCENARIO, CONFIG), lost)
     # whether anybody says a reward or not
-    assert [text for _, text in lines[:2]] == [
-        "r1 ends its move in (5, 5)",
-        "r2 ends its move in (10, 5)",
-    ]
+    ends = ["r1 ends its move in (5, 5)", "r2 ends its move in (10, 5)"]
+    assert [text for _, text in lines[:2]] == ends
     assert lines[2:] == [
         ("WARN", "r2 leaves the board at (30.02, 5.50) cm"),
         ("ERROR", "episode ends: out_of_board"),
     ]
-    assert changes(EpisodeLog(SCENARIO, CONFIG), lost) == [
+    assert states == [
         ("/rl/r1/move", "ended"),
         ("/rl/r2/move", "ended"),
         ("/rl/r2/failure", "leaves the board"),

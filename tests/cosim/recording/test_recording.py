@@ -14,17 +14,13 @@ import pytest
 from rerun.chunk import RrdReader
 
 from cosim.base.errors import FileError, UserError
-from cosim.coupling.assembly import SpeedNoise
-from cosim.coupling.rl_step import Decision, Step
-from cosim.coupling.signals import RawSamples, Samples, new_raw_samples, new_samples
-from cosim.fmi.fmu import FmuError
+from cosim.coupling.rl_step import Decision
+from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.config import CoSimConfig
-from cosim.model.outcome import Outcome
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Patch, World
-from cosim.onboard.features import Observation
 from cosim.onboard.steering import MODE_NAMES
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept, Recording, scalars, simulated
@@ -32,17 +28,11 @@ from cosim.recording.reader import read_chunks, read_episode, read_rrd
 from cosim.recording.scene import ROBOT_COLOURS, ink_on, map_colours, robot_colour, shades
 from cosim.recording.series import DETAILS, OUTCOME, PolicyMap, Stretch, with_bursts
 from cosim.simulation.options import DecisionOptions
-from tests.alone import CoSimulation
+from tests.alone import CoSimulation, rrd
 
 SCENARIO = Scenario("pair", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 SOUTH, NORTH = 6, 2
 STEPS = 2
-
-
-def verified(path: Path) -> bool:
-    rerun = Path(sys.executable).with_name("rerun")
-    done = subprocess.run([rerun, "rrd", "verify", path], capture_output=True, check=False)
-    return done.returncode == 0
 
 
 def rows(path: Path, entity: str) -> tuple[np.ndarray, np.ndarray]:
@@ -55,7 +45,7 @@ def recorded(motor_fmu, tmp_path_factory):
     """Two RL steps and their recording."""
     path = tmp_path_factory.mktemp("recording") / "episode.rrd"
     system = CoSimulation(SCENARIO, motor_fmu, with_bursts(CoSimConfig(), "default"))
-    system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
+    system.reset()
     steps = []
     with EpisodeRecorder(path, SCENARIO, system.config, "test", {"seed": 0}) as recorder:
         for number in range(STEPS):
@@ -96,7 +86,7 @@ def test_short_rl_steps_have_no_more_bursts(motor_fmu, tmp_path):
     """One in 2 s, however often robots are asked."""
     config = with_bursts(CoSimConfig(), "default").merged(DecisionOptions(rl_step=0.1).tree())
     system = CoSimulation(SCENARIO, motor_fmu, config)
-    system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
+    system.reset()
     path = tmp_path / "episode.rrd"
     with EpisodeRecorder(path, SCENARIO, config, "test", {}) as recorder:
         for _ in range(22):
@@ -108,24 +98,19 @@ def test_short_rl_steps_have_no_more_bursts(motor_fmu, tmp_path):
 
 
 @pytest.mark.parametrize("rl_step_s", [0.1, 2.0])
-def test_trails_grow_with_the_time(rl_step_s):
+def test_trails_grow_with_the_time(recorded, rl_step_s):
     """Pieces of 2 s, of which the views show those of the last 10 minutes, for any RL step."""
-    seen = Observation(np.zeros((2, 2), dtype=int), *np.zeros((3, 2), dtype=int))
-    periods = round(1e3 * rl_step_s)
+    step, periods = recorded[1][0], round(1e3 * rl_step_s)
+    samples = Samples(*(signal[:periods].copy() for signal in step.samples))
     config = CoSimConfig().merged(DecisionOptions(rl_step=rl_step_s).tree())
-    kept, pieces, samples = Kept(), [], new_samples(periods, 2)
+    kept, pieces = Kept(), []
     with EpisodeRecorder(kept, SCENARIO, config, "test", {}, level="summary") as recorder:
         for number in range(round(60.0 / rl_step_s)):
-            time_s = 1e-3 * (number * periods + np.arange(1, periods + 1))
-            position = np.full((periods, 2, 3), 0.05)
-            position[:, 0, 0] += 1e-3 * time_s
-            no, nothing = np.zeros(2, dtype=bool), np.zeros(2)
-            found, raw = samples._replace(position=position), new_raw_samples(0, 2)
-            begin, action = 100 * number * periods, np.array([0, 4])
-            ended = (Outcome.RUNNING, rl_step_s, nothing, (0, 1), np.empty((0, 2, 7)))
-            recorder.write(
-                Step(number, begin, seen, seen, action, no, no, found, raw, nothing, *ended)
-            )
+            samples.position[:, 0, 0] = 0.05
+            samples.position[:, 0, 0] += 1e-6 * (number * periods + np.arange(1, periods + 1))
+            at = {"number": number, "first_tick": 100 * number * periods, "duration_s": rl_step_s}
+            found = Samples(*(signal.copy() for signal in samples))
+            recorder.write(step._replace(samples=found, **at))
     for chunk in kept.chunks:
         batch = chunk.to_record_batch()
         if chunk.entity_path == "/world/r1/trail" and not chunk.is_static:
@@ -134,12 +119,6 @@ def test_trails_grow_with_the_time(rl_step_s):
     track = np.concatenate([piece[1:, 0] for piece in pieces])
     assert track == pytest.approx(0.05 + 1e-3 * 0.5 * np.arange(1, 121), abs=1e-6)
     assert [piece[0, 0] for piece in pieces[1:]] == [piece[-1, 0] for piece in pieces[:-1]]
-
-
-def test_file_is_complete(recorded):
-    path, _ = recorded
-    assert verified(path)
-    assert not path.with_name("episode.rrd.part").exists()
 
 
 @pytest.mark.parametrize("lengths", [(1000, 1000), (1000, 77), (77, 1000), (5, 0)])
@@ -164,8 +143,10 @@ def test_rows_cover_blocks_also_across_rl_steps(recorded, lengths):
     assert np.array_equal(stretch.bursts(9), first)
 
 
-def test_bursts_hold_every_tick(recorded):
+def test_a_file_is_complete_and_its_bursts_hold_every_tick(recorded):
     path, steps = recorded
+    assert rrd("verify", path)
+    assert not path.with_name("episode.rrd.part").exists()
     time_s, values = rows(path, "/raw/r2/normal")
     assert np.array_equal(values, np.concatenate([step.raw.normal[:, 1] for step in steps]))
     burst = len(steps[0].raw.normal)
@@ -174,8 +155,7 @@ def test_bursts_hold_every_tick(recorded):
 
 
 @pytest.mark.parametrize(
-    ("level", "values"),
-    [("summary", True), ("default", True), ("full", True), ("default", False)],
+    ("level", "values"), [("summary", True), ("default", True), ("full", True), ("default", False)]
 )
 def test_every_path_of_the_blueprint_is_recorded(recorded, shown_paths, level, values):
     """Views of a missing entity stay empty without a word."""
@@ -231,20 +211,18 @@ def test_obstacles_and_patches_are_drawn_where_they_are(tmp_path):
     assert patches["centers"][:, :2] == pytest.approx(np.array([[0.085, 0.16], [0.185, 0.025]]))
 
 
-def test_failing_fmu_leaves_a_readable_recording(motor_fmu, tmp_path, monkeypatch):
+def test_an_error_leaves_a_readable_recording(motor_fmu, tmp_path):
     path = tmp_path / "failed.rrd"
     system = CoSimulation(SCENARIO, motor_fmu)
-    system.reset(tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
+    system.reset()
     with (
-        pytest.raises(FmuError, match=r"instance r1\.D, at 2\.00000 s"),
+        pytest.raises(UserError, match="expected 2 integers"),
         EpisodeRecorder(path, SCENARIO, system.config, "test", {"seed": 0}) as recorder,
     ):
         step = system.step(np.array([SOUTH, NORTH]))
         recorder.write(step, Decision(step.action, np.zeros((2, 8))))
-        broken = lambda _, periods: np.full((periods, 2, 2), np.nan)  # noqa: E731
-        monkeypatch.setattr(SpeedNoise, "draw", broken)
-        system.step(np.array([SOUTH, NORTH]))
-    assert verified(path)
+        system.step(np.array([SOUTH]))
+    assert rrd("verify", path)
     assert len(rows(path, "/sim/r1/motors/omega")[0]) == 2000
 
 
@@ -256,71 +234,14 @@ def test_full_disk_is_told_before_data_is_lost(tmp_path, monkeypatch):
         monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 1000))
         with pytest.raises(UserError, match="free some space"):
             file.check_space()
-    assert verified(path)
+    assert rrd("verify", path)
 
 
-# Two recordings at once whose files may not grow beyond a limit, or one at its end: writes fail as
-# on a full disk.
-FULL_DISK = """
-import resource, sys
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-import numpy as np
-from cosim.base.errors import run_command
-from cosim.recording import file as recording
-
-recording.FLUSH_TIMEOUT_S = 3.0
-
-def record(name, rows, more=None):
-    path = Path(sys.argv[1]) / name
-    noise = np.random.default_rng(0).normal(size=(2000, 6))
-    with recording.Recording(path, name, None) as file:
-        for k in range(rows):
-            times = recording.simulated(np.arange(2000) + 2000.0 * k)
-            file.columns("/sim/r1/motors/omega", times, recording.scalars(noise))
-            file.flush()
-        if more is not None:
-            set_limit(path.with_name(name + ".part").stat().st_size + more)
-
-def set_limit(size):
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
-
-def in_the_middle():
-    set_limit(500_000)
-    with ThreadPoolExecutor(2) as threads:
-        list(threads.map(lambda name: record(name, 50), ("a.rrd", "b.rrd")))
-
-def at_the_end():
-    record("a.rrd", 5, 10)
-
-run_command(globals()[sys.argv[2]])
-"""
-
-
-def said_of_full_disk(done, folder):
-    """The file that a command names in its one line, which ended on a full disk."""
-    part = folder / "a.rrd.part"
-    assert done.returncode == 2, done.stderr
-    assert "File too large" in done.stderr  # what Rerun says of it
-    assert done.stderr.count("error: ") == 1
-    assert f"error: the recording {part} could not be written out (" in done.stderr
-    return part
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("when", ["in_the_middle", "at_the_end"])
-def test_full_disk_ends_in_a_sentence_and_no_file_by_its_name(tmp_path, when):
-    command = [sys.executable, "-c", FULL_DISK, str(tmp_path), when]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
-    part = said_of_full_disk(done, tmp_path)
-    left = ["a.rrd.part", "b.rrd.part"] if when == "in_the_middle" else ["a.rrd.part"]
-    assert sorted(file.name for file in tmp_path.iterdir()) == left
-    assert len(read_rrd(part).signals["/sim/r1/motors/omega"].time_s) >= 2000
-
-
-# An episode that never ends: an RL step of two robots over and over, recorded as if it went on.
+# Episodes of a file each that never end: an RL step of two robots over and over, recorded as if it
+# went on. Files may not grow beyond a limit, as on a full disk; or it is set when an episode ends.
 ENDLESS = """
 import resource, sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 import numpy as np
 from cosim.base.errors import run_command
@@ -333,33 +254,48 @@ from fmus.build import cached_fmu
 from tests.cosim.recording.test_recording import NORTH, SCENARIO, SOUTH
 
 recording.FLUSH_TIMEOUT_S = 3.0
+size, paths = int(sys.argv[1]), [Path(path) for path in sys.argv[2:]]
 
-def record():
-    system = Batch(cached_fmu(), with_bursts(CoSimConfig(), "default"), 2, 1)
-    starts = tuple(c[0] for c in SCENARIO.starts)
-    system.begin(0, SCENARIO, starts, np.random.SeedSequence(0))
-    step = system.advance({0: np.array([SOUTH, NORTH])})[0]
-    size = int(sys.argv[2])
+def limit(size):
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
-    with EpisodeRecorder(Path(sys.argv[1]), SCENARIO, system.config, "test", {}) as recorder:
-        for number in range(10_000):
-            recorder.write(step._replace(number=number, first_tick=number * 200_000))
 
-run_command(record)
+def record(path):
+    with EpisodeRecorder(path, SCENARIO, system.config, "test", {}) as recorder:
+        for number in range(10_000 if size else 40):
+            recorder.write(step._replace(number=number, first_tick=number * 200_000))
+        if not size:
+            limit(path.with_name(path.name + ".part").stat().st_size + 10)
+
+system = Batch(cached_fmu(), with_bursts(CoSimConfig(), "default"), 2, 1)
+system.begin(0, SCENARIO, tuple(c[0] for c in SCENARIO.starts), np.random.SeedSequence(0))
+step = system.advance({0: np.array([SOUTH, NORTH])})[0]
+if size:
+    limit(size)
+with ThreadPoolExecutor(len(paths)) as threads:
+    run_command(lambda: list(threads.map(record, paths)))
 """
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("megabytes", [0.3, 30.0])
-def test_full_disk_ends_an_episode_in_one_sentence(tmp_path, megabytes):
+@pytest.mark.parametrize(
+    ("megabytes", "names"),
+    [(0.3, ["a"]), (30.0, ["a"]), (3.0, ["a", "b"]), (0.0, ["a"])],
+    ids=["at the beginning", "later", "two at once", "at the end"],
+)
+def test_full_disk_ends_in_one_sentence_and_no_file_by_its_name(tmp_path, megabytes, names):
     """The thread that writes has the error, the episode ends with it."""
-    path = tmp_path / "a.rrd"
-    command = [sys.executable, "-c", ENDLESS, path, str(round(1e6 * megabytes))]
+    paths = [tmp_path / f"{name}.rrd" for name in names]
+    command = [sys.executable, "-c", ENDLESS, str(round(1e6 * megabytes)), *paths]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
-    part = said_of_full_disk(done, tmp_path)
-    assert [file.name for file in tmp_path.iterdir()] == [part.name]
-    if megabytes > 1.0:
-        assert len(read_rrd(part).signals["/sim/r1/motors/omega"].time_s) >= 20_000
+    assert done.returncode == 2, done.stderr
+    assert "File too large" in done.stderr  # what Rerun says of it
+    assert done.stderr.count("error: ") == 1
+    part = tmp_path / "a.rrd.part"
+    assert f"error: the recording {part} could not be written out (" in done.stderr
+    assert sorted(file.name for file in tmp_path.iterdir()) == [f"{n}.rrd.part" for n in names]
+    if megabytes != 0.3:
+        rows = 20_000 if megabytes == 30.0 else 2000
+        assert len(read_rrd(part).signals["/sim/r1/motors/omega"].time_s) >= rows
 
 
 @pytest.mark.long
@@ -367,7 +303,7 @@ def test_what_a_killed_episode_wrote_can_be_read(tmp_path):
     """Killed while a stretch is written: the one before it is whole."""
     path = tmp_path / "a.rrd"
     part = tmp_path / "a.rrd.part"
-    command = [sys.executable, "-c", ENDLESS, path, str(10**9)]
+    command = [sys.executable, "-c", ENDLESS, str(10**9), path]
     with subprocess.Popen(command) as process:
         while not part.exists() or part.stat().st_size < 30_000_000:
             assert process.poll() is None
@@ -400,7 +336,7 @@ def test_signals_may_be_empty(tmp_path, values):
     path = tmp_path / "episode.rrd"
     with Recording(path, "test", None) as file:
         file.columns("/sim/r1/heading", simulated(np.arange(float(len(values)))), scalars(values))
-    assert verified(path)
+    assert rrd("verify", path)
     assert len(read_rrd(path).signals["/sim/r1/heading"].values) == len(values)
 
 
@@ -418,20 +354,6 @@ def test_recording_without_a_first_signal_is_refused_in_one_sentence(tmp_path, n
 def test_unwritable_folder_is_named():
     with pytest.raises(OSError, match="/proc"):
         Recording(Path("/proc/none/x.rrd"), "test", None)
-
-
-def test_data_of_a_killed_writer_survives(tmp_path):
-    path = tmp_path / "killed.rrd"
-    script = (
-        "import os, numpy as np; from pathlib import Path;"
-        "from cosim.recording.file import Recording, scalars, simulated;"
-        f"file = Recording(Path({str(path)!r}), 'x', None);"
-        "file.columns('/sim/r1/heading', simulated(np.arange(5.0)), scalars(np.arange(5.0)));"
-        "file.flush(); os.kill(os.getpid(), 9)"
-    )
-    subprocess.run([sys.executable, "-c", script], check=False)
-    part = path.with_name("killed.rrd.part")
-    assert rows(part, "/sim/r1/heading")[1] == pytest.approx(np.arange(5.0))
 
 
 def test_run_page_lists_every_parameter_with_its_source(recorded):

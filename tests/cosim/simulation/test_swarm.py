@@ -19,10 +19,11 @@ from cosim.physics.lanes import host_lanes
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept
 from cosim.recording.reader import read_episode
+from cosim.recording.scene import SWARM
 from cosim.simulation.batch import Batch
-from cosim.simulation.tasks import Task, simulate_tasks
 from docs.examples.swarm import Barrier, Local, ThroughDoor
 from fmus.build import cached_fmu
+from tests.alone import same
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 ROBOTS = 70  # more than those whose signals are all kept
@@ -56,9 +57,7 @@ def test_bits_depend_neither_on_lanes_nor_on_the_driver(driven):
     for options in ({"lanes": 2}, {"lanes": host_lanes()}):
         steps, measures = steps_of(cached_fmu(), **options)
         for step, other in zip(steps, driven[0], strict=True):
-            assert np.array_equal(step.poses, other.poses)
-            for ours, theirs in zip(step.samples, other.samples, strict=True):
-                assert np.array_equal(ours, theirs)
+            assert same((step.poses, *step.samples), (other.poses, *other.samples))
         assert np.array_equal(measures.energy_j, driven[1].energy_j)
         assert measures.min_distance_m == driven[1].min_distance_m
 
@@ -67,8 +66,7 @@ def test_signals_of_chosen_robots_are_those_of_all(driven):
     steps, measures = steps_of(cached_fmu(), sampled=tuple(range(ROBOTS)))
     assert [step.sampled for step in driven[0]] == [(0, 1, 2, 3)] * 2
     for step, some in zip(steps, driven[0], strict=True):
-        for every, chosen in zip(step.samples, some.samples, strict=True):
-            assert np.array_equal(every[:, :4], chosen)
+        assert same((every[:, :4] for every in step.samples), some.samples)
         assert np.array_equal(step.moved_m, some.moved_m)
         assert step.poses.shape == (0, ROBOTS, 7)
     position = np.concatenate([step.samples.position for step in steps])
@@ -79,37 +77,19 @@ def test_signals_of_chosen_robots_are_those_of_all(driven):
     assert measures.min_distance_m == pytest.approx(distances.min(), abs=1e-12)
 
 
-def test_episodes_in_two_threads_are_those_of_one():
-    def tasks():
-        for seed in range(2):
-            starts = draw_starts(SCENARIO, np.random.default_rng(seed))
-            noise = np.random.SeedSequence(seed)
-            yield Task(SCENARIO, cached_fmu(), CONFIG, Apart(), starts, noise)
-
-    one, two = (dict(simulate_tasks(list(tasks()), threads)) for threads in (1, 2))
-    for number, result in one.items():
-        assert result.energy_j_by_robot == two[number].energy_j_by_robot
-        assert result.path_length_cm_by_robot == two[number].path_length_cm_by_robot
-
-
-def test_views_show_what_is_recorded_of_some(shown_paths):
+def test_a_recording_has_poses_of_all_and_signals_of_some_which_views_show(driven, shown_paths):
     kept = Kept()
-    with EpisodeRecorder(kept, SCENARIO, CONFIG, "many", {"seed": 0}):
-        pass
+    with EpisodeRecorder(kept, SCENARIO, CONFIG, "many", {"seed": 0}) as recorder:
+        for step in driven[0]:
+            recorder.write(step)
+    signals = read_episode(kept).signals
+    assert {name.split("/")[2] for name in signals if "/sim/" in name} == {"r1", "r2", "r3", "r4"}
+    assert "/sim/r1/distance_m" not in signals
     shown = shown_paths(kept.blueprint)
     assert "/sim/r4/position" in shown
     assert not [path for path in shown if path.endswith(("/distance", "/distance_m"))]
-
-
-def test_a_recording_has_poses_of_all_and_signals_of_some(tmp_path, driven):
-    path = tmp_path / "many.rrd"
-    with EpisodeRecorder(path, SCENARIO, CONFIG, "many", {"seed": 0}) as recorder:
-        for step in driven[0]:
-            recorder.write(step)
-    episode = read_episode(path)
-    named = {name.split("/")[2] for name in episode.signals if name.startswith("/sim/")}
-    assert named == {"r1", "r2", "r3", "r4"}
-    assert "/sim/r1/distance_m" not in episode.signals
+    others = [c for c in kept.chunks if c.entity_path == SWARM and not c.is_static]
+    assert sum(chunk.num_rows for chunk in others) == sum(len(step.poses) for step in driven[0])
 
 
 def test_robots_whose_signals_are_kept_are_named_from_one():

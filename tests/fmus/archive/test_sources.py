@@ -18,6 +18,7 @@ import pytest
 import ziglang
 
 from fmus import compiler
+from fmus.build import instantiation_token
 from fmus.compiler import fmi_headers
 from fmus.description import render_header
 
@@ -43,10 +44,10 @@ STANDARD_NAMES = """
 
 
 @pytest.fixture(scope="module")
-def archive(fmus, array_fmu, tmp_path_factory) -> Callable[[int | str], Path]:
+def archive(fmus, tmp_path_factory) -> Callable[[int | str], Path]:
     """A kind's archive, unpacked, with the headers of its standard alone in `headers`."""
     folders = {}
-    for kind, path in (fmus | {"array": array_fmu}).items():
+    for kind, path in fmus.items():
         folders[kind] = folder = tmp_path_factory.mktemp(f"fmi{kind}")
         with zipfile.ZipFile(path) as content:
             content.extractall(folder)
@@ -78,10 +79,13 @@ def run(*command: str | Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def trajectory_of_array(motors) -> bytes:
-    """Outputs through saturation, sticking, reversing, restarts, tuning, steps of all lengths."""
-    generator, rows, time_s = np.random.default_rng(5), [], 0.0
-    n = motors.n
+def trajectory(motor) -> bytes:
+    """Outputs through saturation, of an array also sticking, restarts, tuning; the last state."""
+    if motor.n == 1:
+        columns = motor.start(omega_des=700.0, d=1e-6, solver=1 + motor.fmi % 2).run(0.5, 1e-2)[1]
+        assert columns["omega"][-1] > 600.0
+        return np.array([*columns.values()]).tobytes() + motor.save()
+    motors, n, generator, rows, time_s = motor, motor.n, np.random.default_rng(5), [], 0.0
     motors.start(theta_start=generator.uniform(-3.0, 3.0, n), J=generator.uniform(2e-9, 4e-9, n))
     for k, step_s in enumerate([1e-5] * 100 + [1e-3] * 100 + [2.5e-5] * 100):
         if k % 20 == 0:
@@ -97,41 +101,25 @@ def trajectory_of_array(motors) -> bytes:
     return np.array(rows).tobytes() + motors.save()
 
 
-def trajectory(motor) -> bytes:
-    """Outputs in half a second of co-simulation, through saturation, and the state at its end."""
-    if motor.n > 1:
-        return trajectory_of_array(motor)
-    motor.start(omega_des=700.0, d=1e-6, solver=1 + motor.fmi % 2)
-    rows = []
-    for k in range(50):
-        assert motor.do_step(k * 1e-2, 1e-2) == 0, motor.messages
-        rows.append(motor.get("theta", "omega", "omega_dot", "V_s", "i"))
-    assert rows[-1][1] > 600.0
-    return np.array(rows).tobytes() + motor.save()
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("name", COMPILERS)
-def test_build_description_is_enough(archive, kind, name, instance, array, tmp_path):
+def test_build_description_is_enough(archive, kind, name, instance, tmp_path):
     folder, built = archive(kind), tmp_path / "built.so"
     shared = [*COMPILERS[name], "-shared", "-fPIC", "-Werror", *WARNINGS]
     run(*shared, *arguments(folder), "-Wl,--no-undefined", "-o", built)
-    made = [instance(kind, **given) if kind != "array" else array(13, **given)
-            for given in ({"library": built}, {})]  # fmt: skip
-    assert trajectory(made[0]) == trajectory(made[1])
+    n = 13 if kind == "array" else 1
+    assert trajectory(instance(kind, n, library=built)) == trajectory(instance(kind, n))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("level", [0, 1, 2])
 @pytest.mark.parametrize("n", [3, 13])
-def test_every_instruction_set_gives_the_same_bits(
-    array, array_token, monkeypatch, tmp_path, n, level
-):
+def test_every_instruction_set_gives_the_same_bits(array, monkeypatch, tmp_path, n, level):
     """A level that this processor lacks is the best one that it has."""
     monkeypatch.setattr(compiler, "FLAGS", (*compiler.FLAGS, f"-DMOST_LEVEL={level}"))
-    header = render_header("VibrationMotors", array_token)
-    library = tmp_path / "levels.so"
-    library.write_bytes(compiler.compile_library("VibrationMotors", header, compiler.host_target()))
+    model, library = "VibrationMotors", tmp_path / "levels.so"
+    header = render_header(model, instantiation_token(model))
+    library.write_bytes(compiler.compile_library(model, header, compiler.host_target()))
     assert trajectory(array(n, library=library)) == trajectory(array(n))
 
 

@@ -24,11 +24,7 @@ class Singles:
         self.motors = [self._new(k, 0.0) for k in range(n)]
 
     def _new(self, k: int, time_s: float) -> Any:
-        motor = self.instance(3)
-        assert motor.set(**self.start[k], **self.inputs[k]) == OK, motor.messages
-        assert motor.enter_initialization(time_s) == OK
-        assert motor.call("ExitInitializationMode") == OK
-        return motor
+        return self.instance(3).start(time_s, **self.start[k], **self.inputs[k])
 
     def set(self, **values: np.ndarray) -> None:
         for k, motor in enumerate(self.motors):
@@ -154,29 +150,16 @@ def test_a_saved_state_holds_the_last_restart(array):
 
 
 def test_a_restart_waits_for_the_step_and_happens_once(array):
+    """Also one from another angle, which acts with a restart only."""
     motors = array(2).start(omega_des=700.0, theta_start=[0.0, 1.0])
     assert motors.do_step(0.0, 0.05) == OK
     before = motors.get(*NAMES)
-    assert motors.set(restart=[-1, 0]) == OK
+    assert motors.set(theta_start=[2.0, 0.5], restart=[-1, 0]) == OK
     assert (motors.get(*NAMES) == before).all()
     for k in range(3):
         assert motors.do_step(0.05 + k * STEP_S, STEP_S) == OK
-    alone = array(1).start(omega_des=700.0)
-    assert alone.do_step(0.0, 3 * STEP_S) == OK
-    assert (motors.get(*NAMES)[:, 0] == alone.get(*NAMES)).all()
-    assert motors.get("theta")[0, 1] > before[0, 1]
-
-
-def test_a_motor_may_start_anew_from_another_angle(array):
-    motors = array(2).start(omega_des=700.0)
-    assert motors.do_step(0.0, 0.05) == OK
-    before = motors.get(*NAMES)
-    assert motors.set(theta_start=[2.0, 1.0]) == OK
-    assert (motors.get(*NAMES) == before).all()  # it acts with a restart only
-    assert motors.set(restart=[1, 0]) == OK
-    assert motors.do_step(0.05, STEP_S) == OK
     alone = array(1).start(omega_des=700.0, theta_start=2.0)
-    assert alone.do_step(0.0, STEP_S) == OK
+    assert alone.do_step(0.0, 3 * STEP_S) == OK
     assert (motors.get(*NAMES)[:, 0] == alone.get(*NAMES)).all()
     assert motors.get("theta")[0, 1] > before[0, 1]
 
@@ -204,9 +187,8 @@ def test_samples_have_the_bits_of_a_step_for_each(array, n, part_s):
         assert np.array_equal(kept, np.swapaxes(each, 0, 1))
         assert np.array_equal(whole.get(*NAMES), single.get(*NAMES))
         if step == 4:
-            saved, whole = whole.save(), array(1)
+            saved, whole = whole.save(), array(n)
             assert whole.load(saved) == OK
-            whole.n = n
     one = np.full((3, n), np.nan)
     assert single.values("GetFloat64", sampled_names, one) == OK
     assert np.array_equal(one, np.reshape(single.get(*names), (3, n)))

@@ -1,4 +1,4 @@
-"""Communication steps, sticking and saturation: the same motion whichever way it is computed."""
+"""Communication steps, sticking, saturation and the solvers: one motion, however it is computed."""
 
 import numpy as np
 import pytest
@@ -8,9 +8,10 @@ from cosim.model.params import TABLE_II
 OUTPUTS = ("theta", "omega", "omega_dot", "V_s", "i")
 # One internal step of 1e-5 s at the largest acceleration that occurs (about 40 000 rad/s²).
 ONE_STEP = 0.4
+SOLVERS = pytest.mark.parametrize("solver", [1, 2])
 
 
-@pytest.mark.parametrize("solver", [1, 2])
+@SOLVERS
 @pytest.mark.parametrize(
     "start", [{"omega_des": 700.0}, {"closed_loop": False, "omega_start": 60.0, "V_in": -0.5}]
 )
@@ -21,27 +22,7 @@ def test_result_does_not_depend_on_the_communication_step(rig, solver, start):
         assert (runs[1][name][::10] == runs[2][name]).all()
 
 
-def test_variable_communication_steps_follow_the_same_motion(rig):
-    steady = rig(omega_des=700.0, solver=2).run(0.2)[1]["omega"][-1]
-    motor, generator = rig(omega_des=700.0, solver=2), np.random.default_rng(1)
-    time_s = 0.0
-    while time_s < 0.2:
-        step_s = min(generator.uniform(1e-7, 3e-4), 0.2 - time_s)
-        motor.fmu.doStep(time_s, step_s)
-        time_s += step_s
-    # The end of the saturation is resolved to one internal step, wherever these lie.
-    assert motor.get("omega")[0] == pytest.approx(steady, rel=1e-6)
-    assert motor.get("time")[0] == pytest.approx(0.2, rel=1e-12)
-
-
-def test_time_does_not_drift(rig):
-    motor = rig()
-    for k in range(100_000):
-        motor.fmu.doStep(k * 1e-5, 1e-5)
-    assert motor.get("time") == [100_000 * 1e-5]
-
-
-@pytest.mark.parametrize("solver", [1, 2])
+@SOLVERS
 def test_sticking_breaking_away_and_reversing(rig, solver):
     motor = rig(closed_loop=False, solver=solver)
     held, driven, back = 0.35, 1.0, -1.0
@@ -59,7 +40,7 @@ def test_sticking_breaking_away_and_reversing(rig, solver):
     assert (np.diff(np.flatnonzero(speeds == 0.0)) == 1).all()  # once at rest, it stays
 
 
-@pytest.mark.parametrize("solver", [1, 2])
+@SOLVERS
 def test_disturbance_alone_moves_the_shaft_only_beyond_the_friction(rig, solver):
     ratios = (1.0, -1.0, -2.0)
     held, held_back, turning = (
@@ -90,3 +71,35 @@ def test_both_solvers_agree_through_every_event(rig, case):
     assert rk4["V_s"] == pytest.approx(euler["V_s"], abs=TABLE_II.K_p * ONE_STEP)
     if case in {"coasting to rest", "held below breakaway", "creeping up and held again"}:
         assert rk4["omega"][-1] == 0.0
+
+
+def end_state(rig, solver: int, step_s: float, **start) -> np.ndarray:
+    motor = rig(solver=solver, step_size=step_s, **start)
+    assert motor.do_step(0.0, 0.064) == 0
+    return np.array(motor.get("theta", "omega"))
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        # Turning steadily in one direction and within the limits: no event, no kink.
+        {"closed_loop": False, "omega_start": 300.0, "V_in": 0.9},
+        {"omega_start": 650.0, "omega_des": 700.0},
+    ],
+    ids=["open loop", "closed loop"],
+)
+@pytest.mark.parametrize(("solver", "order"), [(1, 1.0), (2, 4.0)])
+def test_order_of_convergence(rig, solver, order, start):
+    reference = end_state(rig, 2, 1e-5, **start)
+    ends = [end_state(rig, solver, step_s, **start) for step_s in (4e-4, 2e-4, 1e-4)]
+    errors = np.abs(ends - reference)
+    assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(order, abs=0.5)
+
+
+def test_rk4_keeps_its_accuracy_through_standstill(rig):
+    # Stopped and reversed: located within the step, the event costs no order.
+    start = {"closed_loop": False, "omega_start": 50.0, "V_in": -1.5}
+    reference = end_state(rig, 2, 1e-6, **start)
+    coarse, fine = (np.abs(end_state(rig, 2, h, **start) - reference).max() for h in (8e-4, 4e-4))
+    assert fine < 1e-5
+    assert np.log2(coarse / fine) > 3.0

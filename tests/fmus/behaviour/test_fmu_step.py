@@ -8,20 +8,12 @@ import pytest
 
 from benchmarks import __main__ as benchmarks
 
-KEYS = {
-    "ns_fmpy",
-    "ns_compiled",
-    "ns_inlined",
-    "ratio_fmpy_to_compiled",
-    "ratio_compiled_to_inlined",
-}
-
 
 def test_all_drivers_give_the_same_bits_and_are_timed(command):
     done = command(benchmarks, "fmu-step", "--json", "--rounds", 1)
     assert done.returncode == 0
     result = json.loads(done.stdout.splitlines()[-1])
-    assert result.keys() == KEYS
+    assert result["ratio_compiled_to_inlined"] == result["ns_compiled"] / result["ns_inlined"]
     assert result["ratio_fmpy_to_compiled"] == result["ns_fmpy"] / result["ns_compiled"]
 
 

@@ -33,15 +33,14 @@ def machine(instance) -> type[RuleBasedStateMachine]:
 
     class Importer(RuleBasedStateMachine):
         @initialize(
-            kind=st.sampled_from([2, 3, "array", "array of several"]),
+            made=st.sampled_from([(2, 1), (3, 1), ("array", 1), ("array", 4)]),
             started=st.booleans(),
             samples=st.sampled_from([1, 2, 50]),
         )
-        def make(self, kind, started, samples):
-            self.fmi = 2 if kind == 2 else 3
-            self.motor = instance(kind)
-            self.motor.n = 4 if kind == "array of several" else 1
-            if kind not in {2, 3}:
+        def make(self, made, started, samples):
+            self.motor = instance(*made)
+            self.fmi = self.motor.fmi
+            if made[0] == "array":
                 assert self.motor.set_sizes(samples=samples) == OK
             # Most of what can go wrong is beyond the start of the life cycle.
             if started:
@@ -55,8 +54,7 @@ def machine(instance) -> type[RuleBasedStateMachine]:
             status = call()
             assert status in {OK, ERROR}
             if status == ERROR:
-                assert len(self.motor.messages) > said
-                assert ": " in self.motor.messages[-1]
+                assert len(self.motor.messages) > said and ": " in self.motor.messages[-1]
                 assert self.motor.save() == before
             return status
 
@@ -103,11 +101,13 @@ def machine(instance) -> type[RuleBasedStateMachine]:
             self.judge(lambda: self.motor.get_status(wanted, room))
 
         @rule(
-            steps=st.sampled_from([0.3, 1.0, 2.0, 7.5, 20.0]),
-            off=st.sampled_from([0.0, 0.0, 0.4, 3.0]),
+            steps=st.sampled_from([0.3, 1.0, 2.0, 7.5]), off=st.sampled_from([0.0, 0.0, 0.4, 3.0])
         )
         def step(self, steps, off):
-            h, time_s = self.now()
+            # Readable from Initialization Mode on; before that nothing has been stepped.
+            room = np.zeros(2)
+            known = self.motor.get_status(self.motor.references("step_size", "time"), room) == OK
+            h, time_s = room if known else (1e-5, 0.0)
             if self.judge(lambda: self.motor.do_step(time_s + off * h, steps * h)) == OK:
                 assert np.isfinite(self.motor.get("theta", "omega", "omega_dot", "i")).all()
 
@@ -116,18 +116,8 @@ def machine(instance) -> type[RuleBasedStateMachine]:
             if not 0.0 < step_s < 1.0:
                 self.judge(lambda: self.motor.do_step(time_s, step_s))
 
-        def now(self):
-            # Readable from Initialization Mode on; before that nothing has been stepped.
-            room = np.zeros(2)
-            status = self.motor.get_status(self.motor.references("step_size", "time"), room)
-            return (room[0], room[1]) if status == OK else (1e-5, 0.0)
-
-        @rule(
-            at=st.integers(0, 400),
-            value=st.integers(0, 255),
-            cut=st.integers(0, 3),
-            sealed=st.booleans(),
-        )
+        @rule(at=st.integers(0, 400), value=st.integers(0, 255), cut=st.integers(0, 3),
+              sealed=st.booleans())  # fmt: skip
         def load_damaged(self, at, value, cut, sealed):
             content = bytearray(self.motor.save())
             content[at % len(content)] = value

@@ -1,37 +1,37 @@
-"""Refusals and rollback, by bare C calls of both standards, and of an array of one motor."""
+"""Refusals, rollback and messages, of both standards, and of an array of one motor."""
 
 import ctypes
 
 import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi3 import FMU3Slave, fmi3LogMessageCallback
 
 from cosim.model.params import TABLE_II, TIMING
 
 OK, ERROR = 0, 3
 STEP_S = 1e-5
+CATEGORY = "logStatusError"
+ON_OFF = pytest.mark.parametrize("logging", [False, True])
 
 
-@pytest.mark.parametrize("step_s", [float("nan"), -STEP_S, 0.0, float("inf"), 1e300])
-def test_bad_steps_are_refused_and_change_nothing(instance, kind, step_s):
+@pytest.mark.parametrize(
+    ("time_s", "step_s"),
+    [
+        *((0.0, step_s) for step_s in (float("nan"), -STEP_S, 0.0, float("inf"), 1e300)),
+        *((time_s, STEP_S) for time_s in (float("nan"), 1.0, -STEP_S)),
+    ],
+)
+def test_bad_steps_are_refused_and_change_nothing(instance, kind, time_s, step_s):
     motor = instance(kind).start(omega_des=700.0)
     before = motor.save()
-    motor.refused(motor.do_step(0.0, step_s), "communication step")
+    motor.refused(motor.do_step(time_s, step_s), "communication")
     assert motor.save() == before
     assert motor.do_step(0.0, STEP_S) == OK
 
 
-@pytest.mark.parametrize("time_s", [float("nan"), 1.0, -STEP_S])
-def test_a_lost_or_doubled_step_is_refused(instance, kind, time_s):
-    motor = instance(kind).start()
-    motor.refused(motor.do_step(time_s, STEP_S), "communication point")
-
-
 def test_steps_beyond_the_stop_time_are_refused(instance, kind):
-    motor = instance(kind)
-    assert motor.enter_initialization(stop_s=1e-3) == OK
-    assert motor.call("ExitInitializationMode") == OK
+    motor = instance(kind).start(stop_s=1e-3)
     assert motor.do_step(0.0, 1e-3) == OK
     motor.refused(motor.do_step(1e-3, 1e-3), "stop time")
 
@@ -48,33 +48,41 @@ def test_steps_beyond_the_stop_time_are_refused(instance, kind):
         ("step_size", 0.0, "least"),
         ("omega_des", float("inf"), "finite"),
         ("omega", 1.0, "set"),
+        ("solver", 3, "1 to 2"),
     ],
 )
 def test_values_out_of_range_are_refused_by_name(instance, kind, name, value, word):
     motor = instance(kind)
-    before = motor.save()
-    motor.refused(motor.set(**{name: value}), name, word)
-    assert motor.save() == before
-
-
-def test_an_unknown_solver_is_refused(instance, fmi):
-    motor = instance(fmi)
-    before = motor.save()
-    motor.refused(motor.set(solver=3), "solver", "1 to 2")
-    assert motor.save() == before
+    if name in motor.variables:  # an array has no choice of solver
+        before = motor.save()
+        motor.refused(motor.set(**{name: value}), name, word)
+        assert motor.save() == before
 
 
 @pytest.mark.parametrize("last", [999, "omega", "theta"])
 def test_a_refused_call_sets_none_of_its_variables(instance, kind, last):
     motor = instance(kind)
+
+    def refuses_whole(refused: int | str, **values: float | bool) -> None:
+        """Set variables of one type, and the refused one to the first one's value."""
+        first = next(iter(values.values()))
+        name, number = motor.kind_of("", first)
+        before = motor.save()
+        references = motor.references(*values)
+        references.append(motor.reference.get(refused, refused))
+        array = np.array([*values.values(), first], dtype=number)
+        motor.refused(motor.exchange(f"Set{name}", references, array))
+        assert motor.save() == before
+
     for begin in (lambda: None, motor.enter_initialization):
         begin()
-        assert motor.refuses_whole(last, closed_loop=False)
+        refuses_whole(last, closed_loop=False)
         whole = "restart" if kind == "array" else "solver"
-        assert motor.refuses_whole(last, **{whole: 1}) and motor.refuses_whole(last, **{whole: 2})
-        assert motor.refuses_whole(last, J=1e-8, omega_des=5.0)
+        refuses_whole(last, **{whole: 1})
+        refuses_whole(last, **{whole: 2})
+        refuses_whole(last, J=1e-8, omega_des=5.0)
     motor.call("ExitInitializationMode")
-    assert motor.refuses_whole("omega_start", omega_des=5.0)
+    refuses_whole("omega_start", omega_des=5.0)
 
 
 def test_parameters_are_fixed_once_the_simulation_runs(instance, kind):
@@ -91,13 +99,16 @@ def test_unknown_and_mistyped_variables_are_refused(instance, kind):
     motor.refused(motor.get_status([999], room), "999")
     motor.refused(motor.get_status(motor.references("closed_loop"), room), "closed_loop")
     motor.refused(motor.get_status([1], None), "null")
-
-
-def test_arrays_of_different_lengths_are_refused(instance):
-    motor = instance(3).start()
-    two, room = (ctypes.c_uint32 * 2)(1, 2), (ctypes.c_double * 1)()
-    status = motor.call("GetFloat64", two, ctypes.c_size_t(2), room, ctypes.c_size_t(1))
-    motor.refused(status, "2 value references but 1 values")
+    one = ctypes.c_size_t(1)
+    if kind == "array":
+        for function, name in (("GetInt64", "n"), ("GetUInt64", "d")):
+            motor.refused(motor.values(function, (name,), room.astype(int)), f"{name} is no ")
+        motor.refused(motor.call("GetFloat64", None, one, None, one), "null")
+        motor.refused(motor.exchange("SetInt64", [99], None), "null")
+    elif kind == 3:
+        two, place = (ctypes.c_uint32 * 2)(1, 2), (ctypes.c_double * 1)()
+        status = motor.call("GetFloat64", two, ctypes.c_size_t(2), place, one)
+        motor.refused(status, "2 value references but 1 values")
 
 
 def test_calls_in_the_wrong_state_are_refused(instance, kind):
@@ -130,33 +141,60 @@ def test_a_speed_beyond_all_bounds_is_refused_and_undone(instance, kind, start, 
     assert motor.do_step(0.0, STEP_S) == OK
 
 
-def test_model_exchange_is_refused_in_fmi_2(library, token):
-    messages: list[bytes] = []
-    log = fmi2CallbackLoggerTYPE(lambda *a: messages.append(a[4]))
-    functions, text = fmi2CallbackFunctions(logger=log), token.encode()
-    make = ctypes.CDLL(str(library)).fmi2Instantiate
-    assert not make(b"name", 0, text, b"", ctypes.byref(functions), 0, 1)
-    assert b"does not offer Model Exchange" in messages[0]
-
-
-def test_a_model_description_of_another_build_is_refused(instance, kind):
-    motor = instance(kind, token="{100%}")
+@ON_OFF
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        *(({"name": name}, "instance name is blank") for name in (None, b"", b" ", b" \t\r\n")),
+        ({"token": "{100%}"}, "{100%}"),
+    ],
+)
+def test_bad_names_and_model_descriptions_of_other_builds_are_refused(
+    instance, kind, options, words, logging
+):
+    motor = instance(kind, logging=logging, **options)
     assert not motor.handle
-    assert ("{100%%}" if kind == 2 else "{100%}") in motor.messages[-1]
-
-
-@pytest.mark.parametrize("name", [None, b"", b" ", b" \t\r\n"])
-def test_a_blank_instance_name_is_refused(instance, kind, name):
-    motor = instance(kind, name=name)
-    assert not motor.handle
-    assert "instance name is blank" in motor.messages[-1]
+    assert len(motor.messages) == logging
+    words = words.replace("%", "%%") if kind == 2 else words  # a message of FMI 2 is a format
+    assert all(words in message for message in motor.messages)
     assert instance(kind, name=b" a").handle
 
 
-@pytest.mark.parametrize("model", ["library", "array_library"])
-def test_no_instance_is_an_error_and_no_crash(model, request):
-    functions, checked = ctypes.CDLL(str(request.getfixturevalue(model))), 0
-    classes = {FMU3Slave: "fmi3"} | ({FMU2Slave: "fmi2"} if model == "library" else {})
+@ON_OFF
+@pytest.mark.parametrize("model", ["VibrationMotor", "VibrationMotors"])
+@pytest.mark.parametrize("interface", ["ModelExchange", "ScheduledExecution"])
+def test_other_interfaces_of_fmi_3_are_refused(instance, libraries, model, interface, logging):
+    messages: list[bytes] = []
+    log, none = fmi3LogMessageCallback(lambda *a: messages.append(a[3])), ctypes.c_void_p()
+    make = getattr(ctypes.CDLL(str(libraries[model])), f"fmi3Instantiate{interface}")
+    make.restype = ctypes.c_void_p
+    token = instance("array" if model == "VibrationMotors" else 3).token
+    flags = [ctypes.c_bool(False), ctypes.c_bool(logging)]
+    assert not make(b"name", token.encode(), b"", *flags, none, log, none, none, none)
+    assert len(messages) == logging
+
+
+def test_model_exchange_is_refused_in_fmi_2(instance, libraries):
+    messages: list[bytes] = []
+    log = fmi2CallbackLoggerTYPE(lambda *a: messages.append(a[4]))
+    functions, token = fmi2CallbackFunctions(logger=log), instance(2).token.encode()
+    make = ctypes.CDLL(str(libraries["VibrationMotor"])).fmi2Instantiate
+    assert not make(b"name", 0, token, b"", ctypes.byref(functions), 0, 1)
+    assert b"does not offer Model Exchange" in messages[0]
+
+
+@pytest.mark.parametrize("kind", [3, "array"])
+def test_other_functions_of_fmi_3_are_refused(instance, kind):
+    motor = instance(kind).start()
+    for name in ("EnterEventMode", "SetTime", "GetContinuousStates", "GetDirectionalDerivative",
+                 "GetAdjointDerivative", "GetOutputDerivatives"):  # fmt: skip
+        motor.refused(motor.call(name, *[ctypes.c_void_p()] * 8), "does not offer")
+
+
+@pytest.mark.parametrize("model", ["VibrationMotor", "VibrationMotors"])
+def test_no_instance_is_an_error_and_no_crash(libraries, model):
+    functions, checked = ctypes.CDLL(str(libraries[model])), 0
+    classes = {FMU3Slave: "fmi3"} | ({FMU2Slave: "fmi2"} if model == "VibrationMotor" else {})
     for name in sorted(n for c, prefix in classes.items() for n in dir(c) if n.startswith(prefix)):
         if "Instantiate" in name or name.endswith(("GetVersion", "GetTypesPlatform")):
             continue
@@ -166,30 +204,58 @@ def test_no_instance_is_an_error_and_no_crash(model, request):
     assert checked > 60
 
 
-def test_rollback_repeats_the_same_bits(instance, kind):
-    motor = instance(kind).start(omega_des=700.0)
+def test_rollback_repeats_the_same_bits_also_in_another_instance(instance, kind):
+    motor, other = instance(kind).start(omega_des=700.0, J=3e-9), instance(kind)
     assert motor.do_step(0.0, 0.05) == OK
-    saved = motor.save()
-    rows = []
-    for _ in range(2):
+    saved, ends = motor.save(), []
+    for each in (motor, motor, other):
+        assert each.load(saved) == OK
+        assert each.save() == saved
         for k in range(50):
-            assert motor.do_step(0.05 + k * 1e-3, 1e-3) == OK
-        rows.append(motor.save())
-        assert motor.load(saved) == OK
-    assert rows[0] == rows[1] != saved
-    assert motor.save() == saved
-
-
-def test_a_state_moves_to_another_instance(instance, kind):
-    first, second = instance(kind).start(omega_des=700.0, J=3e-9), instance(kind)
-    assert first.do_step(0.0, 0.1) == OK
-    assert second.load(first.save()) == OK
-    for motor in (first, second):
-        assert motor.do_step(0.1, 0.1) == OK
-    assert first.save() == second.save()
+            assert each.do_step(0.05 + k * 1e-3, 1e-3) == OK
+        ends.append(each.save())
+    assert ends[0] == ends[1] == ends[2] != saved
 
 
 def test_defaults_are_those_of_the_paper(instance, kind):
     motor = instance(kind).start()
     assert motor.get(*TABLE_II._fields) == list(TABLE_II)
     assert motor.get("step_size") == [TIMING.dt_s]
+
+
+def told(motor) -> int:
+    """Messages that a refused call brings."""
+    before = len(motor.messages)
+    assert motor.set(J=-1.0) == ERROR
+    return len(motor.messages) - before
+
+
+def set_logging(motor, on: bool, *categories: str | None) -> int:
+    names = [None if c is None else c.encode() for c in categories]
+    flag = ctypes.c_bool(on) if motor.fmi == 3 else ctypes.c_int(on)
+    array = (ctypes.c_char_p * len(names))(*names)
+    return motor.call("SetDebugLogging", flag, ctypes.c_size_t(len(names)), array)
+
+
+@ON_OFF
+def test_logging_is_as_instantiated_until_it_is_switched(instance, kind, logging):
+    motor = instance(kind, logging=logging)
+    assert told(motor) == logging
+    for categories in ((), (CATEGORY,), (CATEGORY, CATEGORY)):
+        assert set_logging(motor, True, *categories) == OK
+        assert told(motor) == 1
+        assert motor.call("Reset") == OK
+        assert told(motor) == 1
+        assert set_logging(motor, False, *categories) == OK
+        assert told(motor) == 0
+
+
+@ON_OFF
+@pytest.mark.parametrize("category", ["logAll", "", None])
+def test_unknown_log_categories_are_refused_and_change_nothing(instance, kind, logging, category):
+    motor = instance(kind, logging=logging)
+    for on in (False, True):
+        assert set_logging(motor, on, CATEGORY, category) == ERROR
+        assert told(motor) == logging
+    if logging:
+        assert f'no log category "{category or ""}"; use {CATEGORY}' in motor.messages[0]

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from cosim.base.errors import USER_ERROR_STATUS
 from cosim.fmi.motor import MotorFmu
 from cosim.machine.platform.motion import net_speed, robot_platform
 from cosim.machine.validation import validate as measurement
@@ -129,9 +128,3 @@ def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, comm
     assert printed == json.loads((tmp_path / "validation.json").read_text("utf-8"))
     assert printed["speeds"][0]["certainty"] == "recalled"
     assert {path.name for path in tmp_path.iterdir()} == {"validation.json", "validation.md"}
-
-
-def test_mistakes_are_one_sentence(command):
-    done = command("validate", "--seed", "-1")
-    assert done.returncode == USER_ERROR_STATUS
-    assert done.stderr == "error: seed = -1 is invalid: expected int >= 0\n"

@@ -1,9 +1,11 @@
-"""Whatever stands in a file, its reader gives a result or one sentence.
+"""Whatever stands on a command line or in a file, it is taken or refused in one sentence.
 
 What damage does to policies, curves, moves and captions is tested with their readers
 in `tests/agent/test_reading.py`.
 """
 
+import contextlib
+import io
 import json
 import re
 import zipfile
@@ -13,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from agent.mdp.config import ProcessConfig
@@ -21,7 +23,7 @@ from agent.mdp.readings import build_process
 from agent.training.learning import build_learning
 from agent.training.settings import LearningConfig, read_settings
 from analysis.timings import read_timings
-from cosim.base.errors import UserError
+from cosim.base.errors import UserError, run_command
 from cosim.fmi.motor import Motor, MotorFmu
 from cosim.machine.identification.track import COLUMNS, read_track
 from cosim.model.config import CoSimConfig
@@ -33,11 +35,74 @@ from cosim.model.world import Sensor, World
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 from cosim.recording.reader import read_rrd
-from tests.faults.fuzzing import examples
+from cosim.simulation.options import Physics
+from minirobots.commands import COMMANDS, class_of
+from minirobots.runner import parse
 
 SMALL = Scenario(
     "small", "", ((4, 0),), (((0, 0),),), 5, 5, robot_diameter_m=0.01, zone=(2, 2, 3, 3)
 )
+
+
+def examples(count: int) -> settings:
+    """So many examples, and as many more as the profile has more than Hypothesis' usual 100."""
+    profile = settings.get_profile(settings.get_current_profile_name())
+    suppressed = [
+        HealthCheck.data_too_large,
+        HealthCheck.filter_too_much,
+        HealthCheck.function_scoped_fixture,
+        HealthCheck.too_slow,
+    ]
+    many = count * profile.max_examples // 100
+    return settings(max_examples=many, suppress_health_check=suppressed)
+
+
+def ended(name: str, arguments: list[str]) -> tuple[int, str]:
+    """Status and output of a command that does nothing once its options are taken."""
+
+    def main() -> None:
+        kind = class_of(name)
+        options: Any = parse(kind, name, arguments, kind.defaults(arguments)).options
+        physics = getattr(options, "physics", options)
+        if isinstance(physics, Physics):
+            physics.config()
+
+    text = io.StringIO()
+    with contextlib.redirect_stdout(text), contextlib.redirect_stderr(text):
+        try:
+            run_command(main)
+        except SystemExit as end:
+            return int(end.code or 0), text.getvalue()
+    return 0, ""
+
+
+@pytest.fixture(scope="module")
+def flags():
+    """Every command's options, as its help names them."""
+    pattern = re.compile(r"--[a-z][a-z0-9.-]+")
+    return {name: sorted({*pattern.findall(ended(name, ["--help"])[1])}) for name in COMMANDS}
+
+
+ARGUMENTS = st.text(max_size=4) | st.sampled_from(
+    ("0", "1", "2", "-1", "nan", "inf", "-inf", "1e-320", "1e300", "1e9", "9" * 30, "0.05",
+     "", "x", "1a", "all", "none", "True", "None", "--", "-", "/dev/null", "/proc/none/a.toml",
+     "none.toml", "none.npz", "µ", "\udcff", "a\nb", "paper", "moves", "motors", "2e-05")
+)  # fmt: skip
+
+
+@pytest.mark.long
+@examples(80)
+@given(data=st.data())
+def test_any_command_line(flags, data):
+    name = data.draw(st.sampled_from(sorted(COMMANDS)))
+    names = st.sampled_from(flags[name])
+    valued = st.tuples(names, ARGUMENTS)
+    option = st.one_of(valued, valued, st.tuples(names), st.tuples(ARGUMENTS))
+    arguments = [word for some in data.draw(st.lists(option, max_size=4)) for word in some]
+    status, said = ended(name, arguments)
+    assert status in {0, 2}, said
+    assert "Traceback" not in said
+    assert said or status == 0
 
 
 def one_sentence(read: Callable[[], Any]) -> None:
@@ -61,12 +126,23 @@ ATOMS = st.one_of(
 VALUES = st.recursive(
     ATOMS, lambda inner: st.lists(inner, max_size=5) | st.lists(NUMBERS, max_size=4), max_leaves=12
 )
+Tables = st.SearchStrategy[dict[str, Any]]
 
 
-def table(*names: str) -> st.SearchStrategy[dict[str, Any]]:
-    """A table with some of the fields that its reader knows, sometimes another one."""
-    keys = st.sampled_from((*names, *names, "colour", ""))
-    return st.dictionaries(keys, VALUES, max_size=4)
+def merged(*tables: Tables) -> Tables:
+    """One table of all entries; the last one of a name counts."""
+    return st.tuples(*tables).map(lambda parts: {k: v for some in parts for k, v in some.items()})
+
+
+def table(*known: str | type) -> Tables:
+    """A table with some of the names that its reader knows, sometimes another one."""
+    names = [n for k in known for n in ((k,) if isinstance(k, str) else k.__annotations__)]
+    return st.dictionaries(st.sampled_from((*names, *names, "colour", "")), VALUES, max_size=4)
+
+
+def below(name: str, inner: Tables) -> Tables:
+    """A table below a name, or nothing, or no table."""
+    return st.just({}) | (inner | VALUES).map(lambda value: {name: value})
 
 
 def toml(value: Any) -> str:
@@ -79,55 +155,31 @@ def toml(value: Any) -> str:
     return json.dumps(value).replace("Infinity", "inf").replace("NaN", "nan")
 
 
-def lines(content: dict[str, Any]) -> str:
-    return "".join(f"{json.dumps(k)} = {toml(v)}\n" for k, v in content.items())
-
-
-def names_of(record: type) -> tuple[str, ...]:
-    return tuple(record.__annotations__)
-
-
-def optional_table(table_: st.SearchStrategy[Any], name: str) -> st.SearchStrategy[dict[str, Any]]:
-    """A table below a name, or nothing, or no table."""
-    return st.one_of(
-        st.just({}), st.builds(lambda t: {name: t}, table_), st.builds(lambda v: {name: v}, VALUES)
-    )
-
-
-SENSOR = optional_table(table(*names_of(Sensor)), "sensor")
-WORLD = st.builds(lambda a, b: a | b, table(*names_of(World)), SENSOR)
+SENSOR = below("sensor", table(Sensor))
+WORLD = merged(table(World), SENSOR)
 CELLS = st.lists(st.lists(st.integers(-1, 12), max_size=4), max_size=6) | st.just("top")
-ROBOT = st.builds(
-    lambda target, starts, more: {"target": target, "starts": starts} | more,
-    st.lists(st.integers(-1, 12), min_size=2, max_size=2) | VALUES,
-    CELLS | VALUES,
+CELL = st.lists(st.integers(-1, 12), min_size=2, max_size=2)
+ROBOT = merged(
+    st.fixed_dictionaries({"target": CELL | VALUES, "starts": CELLS | VALUES}),
     st.just({}) | table("target", "starts"),
 )
 BOARD = st.sampled_from(
     ({"columns": 12, "rows": 12}, {"columns": 500, "rows": 3, "cell_m": 0.1}, {"cell_m": 0.05})
 )
-SCENARIO = st.builds(
-    lambda board, robots, more, world: board | {"robots": robots} | more | world,
+SCENARIO = merged(
     BOARD,
-    st.lists(ROBOT, max_size=4),
+    st.fixed_dictionaries({"robots": st.lists(ROBOT, max_size=4)}),
     st.just({})
     | table("columns", "rows", "cell_m", "zone", "obstacles", "robot_diameter_m", "name"),
-    optional_table(WORLD, "world"),
+    below("world", WORLD),
 )
-PRESET = st.builds(
-    lambda *parts: {k: v for some in parts for k, v in some.items()},
-    optional_table(table(*RobotParams._fields, "source"), "robot"),
-    optional_table(table(*MotorParams._fields, "source"), "motor"),
-    optional_table(
-        st.builds(lambda a, b: a | b, table(*FIELDS["world"], "source"), SENSOR), "world"
-    ),
+PRESET = merged(
+    below("robot", table(*RobotParams._fields, "source")),
+    below("motor", table(*MotorParams._fields, "source")),
+    below("world", merged(table(*FIELDS["world"], "source"), SENSOR)),
     st.just({}) | table("source"),
 )
-SETTINGS = st.builds(
-    lambda *parts: {k: v for some in parts for k, v in some.items()},
-    optional_table(table(*names_of(ProcessConfig)), "process"),
-    optional_table(table(*names_of(LearningConfig)), "learning"),
-)
+SETTINGS = merged(below("process", table(ProcessConfig)), below("learning", table(LearningConfig)))
 
 
 def scenario_of(path: Path) -> None:
@@ -158,7 +210,7 @@ def settings_of(path: Path) -> None:
 
 TABLES = {
     scenario_of: SCENARIO,
-    world_of: st.builds(lambda world: {"world": world}, WORLD) | optional_table(WORLD, "world"),
+    world_of: WORLD.map(lambda world: {"world": world}) | below("world", WORLD),
     preset_of: PRESET,
     settings_of: SETTINGS,
 }
@@ -169,17 +221,20 @@ TABLES = {
 @given(data=st.data())
 def test_tables(tmp_path, use, data):
     path = tmp_path / "mine.toml"
-    path.write_text(lines(data.draw(TABLES[use])), encoding="utf-8")
+    content = data.draw(TABLES[use])
+    path.write_text("".join(f"{json.dumps(k)} = {toml(v)}\n" for k, v in content.items()), "utf-8")
     one_sentence(lambda: use(path))
 
 
-FIELDS = st.one_of(st.floats(width=32).map(str), st.text(max_size=4), st.just("0"))
-TRACKS = st.lists(st.lists(FIELDS, max_size=7), max_size=6)
+CELLS_OF_TRACKS = st.one_of(st.floats(width=32).map(str), st.text(max_size=4), st.just("0"))
 
 
 @examples(40)
 @given(
-    rows=TRACKS, frames=st.integers(0, 200), step=st.floats(0.0, 0.2), more=st.binary(max_size=9)
+    rows=st.lists(st.lists(CELLS_OF_TRACKS, max_size=7), max_size=6),
+    frames=st.integers(0, 200),
+    step=st.floats(0.0, 0.2),
+    more=st.binary(max_size=9),
 )
 def test_tracks(tmp_path, rows, frames, step, more):
     path = tmp_path / "track.csv"
