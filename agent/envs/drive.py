@@ -160,7 +160,7 @@ class DriveBoards(DynamicsBoards):
         self._velocity, self._dense = action == "velocity", reward == "dense"
         options = {"time_limit": TIME_LIMIT_S, **physics, "rl_step": control_interval}
         super().__init__(count, scenario, options, max_episode_steps)
-        self.made = (*self.made, observe)
+        self._identity = (*self._identity, observe)
         timing, rows = self._config.timing, count * self.shape[1]
         step_ticks = self._config.periods_per_step * self._config.ticks_per_period
         last = -(-self._config.ticks(timing.episode_limit_s) // step_ticks)
@@ -177,9 +177,9 @@ class DriveBoards(DynamicsBoards):
         self, *, mu: float | None = None, starts: Any = None, targets: Any = None
     ) -> tuple[Any, ...]:
         self._check_mu(mu)
-        return mu, self._places("starts", starts, 3), self._places("targets", targets, 2)
+        return mu, self._positions("starts", starts, 3), self._positions("targets", targets, 2)
 
-    def _places(self, name: str, values: Any, size: int) -> np.ndarray | None:
+    def _positions(self, name: str, values: Any, size: int) -> np.ndarray | None:
         if values is None:
             return None
         array = numbers(values, shape := (self.shape[1], size))
@@ -251,65 +251,46 @@ class DriveBoards(DynamicsBoards):
         """See `EnvBoards.joint`."""
         return checked_actions(actions, self.shape[0] * self.shape[1]).reshape(*self.shape, 2)
 
-    def step(self, actions: np.ndarray) -> None:
-        """Drive for a control interval by (K, N, 2) actions; see `EnvBoards.step`."""
-        outcomes = self.arrays.outcomes
-        running = outcomes == RUNNING
-        moved, rewards = running[:, None] & ~self._arrived, np.zeros(self.shape)
-        if running.any():
-            rewards = self._drive(actions.reshape(-1, 2), running, moved)
-        for m in np.flatnonzero(~running).tolist():
-            self._begin_board(m)
-        cut = moved & (outcomes == TIMEOUT)[:, None] & ~self._arrived
-        ended = self._arrived | (outcomes != RUNNING)[:, None]
-        self._show(rewards, moved & ended & ~cut, cut)
-
-    def _drive(self, actions: np.ndarray, running: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        """(K, N) rewards of a control interval by (K · N, 2) actions.
-
-        Args:
-            actions: see `set_points`.
-            running: (K,) bool, which boards are.
-            moved: (K, N) bool, robots that are still to arrive there.
-        """
-        rows, batch = self._rows, self._batch
-        state, count = batch.state, len(actions)
+    def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
+        """Drive for a control interval; see the base class."""
+        rows, batch, outcomes = self._rows, self._batch, self.arrays.outcomes
+        state, count, robots = batch.state, len(rows.poses), self.shape[1]
+        running, moved = outcomes == RUNNING, self.remaining()
         before, before_m = rows.poses.copy(), rows.away_m.copy()
         commands = state.commands[:count]
         commands[:, OMEGA_D : OMEGA_E + 1] = set_points(
-            actions, self._config, rows.dither, velocity=self._velocity
+            actions.reshape(count, 2), self._config, rows.dither, velocity=self._velocity
         )
         commands[:, MODE] = np.where(moved.ravel(), DIRECT, HOLD)
-        episodes, robots = self._episodes(), self.shape[1]
+        episodes = self._episodes()
         for samples, _ in batch.stretches():
             for m in np.flatnonzero(running).tolist():
-                part = slice(state.periods[m]), slice(m * robots, (m + 1) * robots)
-                mine = Samples._make([signal[part] for signal in samples])
-                episodes[m].measures.add(mine)
+                own = slice(state.periods[m]), slice(m * robots, (m + 1) * robots)
+                episodes[m].measures.add(Samples._make(signal[own] for signal in samples))
         _locate(state.bodies, rows.targets_m, rows.poses, rows.away_m)
         if self._estimated:
             rows.poses[:] = state.estimates[:count, POSE : POSE + 3]
         rows.velocities[:] = velocities(before, rows.poses, self._interval_s)
         self._arrived |= (rows.away_m <= REACHED_M).reshape(self.shape)
-        failed = state.events[:count].reshape(self.shape)
-        all_arrived = np.where(self._arrived.all(axis=1), SUCCESS, RUNNING)
-        worst = failed.max(axis=1)
-        self.arrays.outcomes[running] = np.where(worst == RUNNING, all_arrived, worst)[running]
-        self._count_step(running)
-        rewards = 1.0 * self._arrived - 1.0 * (failed != RUNNING)
+        events = state.events[:count].reshape(self.shape)
+        worst = events.max(axis=1)
+        ends = np.where(self._arrived.all(axis=1) & (worst == RUNNING), SUCCESS, worst)
+        outcomes[running] = ends[running]
+        lost[running & (worst != RUNNING)] = True
+        gained = 1.0 * self._arrived - 1.0 * (events != RUNNING)
         if self._dense:
             rest = 0.1 * self._interval_s  # assumed: a second costs as much as a millimetre
             progress_m = (before_m - rows.away_m).reshape(self.shape)
-            rewards = 100.0 * progress_m - rest + _END_REWARD * rewards
-        return np.where(moved, rewards, 0.0)
+            gained = 100.0 * progress_m - rest + _END_REWARD * gained
+        rewards[moved] = gained[moved]
 
-    def _looked(self) -> tuple[np.ndarray, np.ndarray]:
+    def _observed(self) -> tuple[np.ndarray, np.ndarray]:
         rows, state, robots = self._rows, self._batch.state, self.shape[1]
         speeds = state.outputs[MOTORS : 2 * MOTORS, : len(rows.poses)].T
-        parts = rows.poses, rows.velocities, speeds, rows.targets_m
-        motion = DriveObservation(*parts, self.scenario, self._config, {})
-        seen = observed(motion, robots, rows.worlds if self._context else None)
-        return seen.reshape(*self.shape, -1), ~self._arrived
+        poses = rows.poses, rows.velocities, speeds, rows.targets_m
+        motion = DriveObservation(*poses, self.scenario, self._config, {})
+        observations = observed(motion, robots, rows.worlds if self._context else None)
+        return observations.reshape(*self.shape, -1), ~self._arrived
 
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""

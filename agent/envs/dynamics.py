@@ -16,7 +16,6 @@ from gymnasium import spaces
 
 from agent.envs.boards import (
     Count,
-    DirectionBoards,
     EnvBoards,
     Results,
     direction_spaces,
@@ -113,7 +112,7 @@ class DynamicsBoards(EnvBoards):
         for m, checked in given.items():
             self._begin_board(m, *checked)
         none = np.zeros(self.shape, dtype=bool)
-        self._show(np.zeros(self.shape), none, none)
+        self._publish(np.zeros(self.shape), none, none)
 
     @abstractmethod
     def _begin_board(self, m: int, *arguments: Any, **options: Any) -> None:
@@ -144,23 +143,43 @@ class DynamicsBoards(EnvBoards):
         self.arrays.outcomes[m], self._arrived[m], self._steps[m] = RUNNING, False, 0
         return self._batch.begin(m, scenario, starts, seed, config)
 
-    @abstractmethod
-    def _looked(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return observations (K, N, F), and the robots that use their next action, (K, N)."""
-
-    def _show(self, rewards: np.ndarray, terminated: np.ndarray, truncated: np.ndarray) -> None:
-        observations, active = self._looked()
-        active &= (self.arrays.outcomes == RUNNING)[:, None]
-        ends = terminated, truncated
-        self.arrays = Results(self.arrays.outcomes, observations, rewards, *ends, active)
-
-    def _count_step(self, running: np.ndarray) -> None:
-        """Count a step of the boards that were running, (K,) bool, and stop those that ended."""
-        outcomes = self.arrays.outcomes
+    def step(self, actions: np.ndarray) -> None:
+        """See `EnvBoards.step`."""
+        outcomes, moved = self.arrays.outcomes, self.remaining()
+        running = outcomes == RUNNING
+        rewards, lost = np.zeros(self.shape), np.zeros(self.shape, dtype=bool)
+        if running.any():
+            self._advance(actions, rewards, lost)
         self._steps += running
         outcomes[running & (outcomes == RUNNING) & (self._steps >= self._limit)] = TIMEOUT
         for m in np.flatnonzero(running & (outcomes != RUNNING)).tolist():
             self._batch.stop(m)
+        for m in np.flatnonzero(~running).tolist():
+            self._begin_board(m)
+        moving = ~(self._arrived | lost)
+        self._publish(rewards, moved & ~moving, moved & moving & (outcomes != RUNNING)[:, None])
+
+    @abstractmethod
+    def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
+        """Simulate a step of the running boards by (K, N, ...) actions.
+
+        Args:
+            rewards: (K, N), zeros that get the rewards of the step.
+            lost: (K, N) bool, gets the robots that failed.
+        """
+
+    @abstractmethod
+    def _observed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return observations (K, N, F), and the robots that await an action, (K, N) bool."""
+
+    def _publish(self, rewards: np.ndarray, terminated: np.ndarray, truncated: np.ndarray) -> None:
+        outcomes, (observations, awaiting) = self.arrays.outcomes, self._observed()
+        active = awaiting & (outcomes == RUNNING)[:, None]
+        self.arrays = Results(outcomes, observations, rewards, terminated, truncated, active)
+
+    def remaining(self) -> np.ndarray:
+        """See `EnvBoards.remaining`."""
+        return ~self._arrived & (self.arrays.outcomes == RUNNING)[:, None]
 
     def _episodes(self) -> list[RunningEpisode]:
         """Return the episode of each board, which has one."""
@@ -179,13 +198,13 @@ class DynamicsBoards(EnvBoards):
         self.arrays.outcomes[:] = TIMEOUT
 
 
-class CoSimBoards(DynamicsBoards, DirectionBoards):
+class CoSimBoards(DynamicsBoards):
     """K boards with robots that adopt directions when they wait for one.
 
     Args:
         count, limit: as of `DynamicsBoards`.
         scenario: name, scenario file or record.
-        config: readings of the decision process.
+        config: interpretations of the decision process.
         physics: as of `DynamicsBoards`; and `decision`, when a step ends: after every
             "period" of 2 s, or, of one board, on "arrival", when a robot waits for an action; its
             rewards cover the time that passed.
@@ -241,45 +260,36 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
         self._begin_episode(m, scenario, cells, mu, rng, seed)
         self._processes[m] = process
 
-    def step(self, actions: np.ndarray) -> None:
-        """Simulate an RL step, or until a robot waits for an action; see `EnvBoards.step`."""
-        outcomes = self.arrays.outcomes
-        running = outcomes == RUNNING
-        moved, lost = ~self._arrived & running[:, None], np.zeros(self.shape, dtype=bool)
-        rewards = np.zeros(self.shape)
-        while going_on := np.flatnonzero(outcomes == RUNNING).tolist():
-            episodes = self._episodes()
-            for m, step in self._batch.advance({m: actions[m] for m in going_on}).items():
+    def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
+        """Simulate an RL step, or until a robot waits for an action; see the base class."""
+        outcomes, episodes = self.arrays.outcomes, self._episodes()
+        while running := np.flatnonzero(outcomes == RUNNING).tolist():
+            for m, step in self._batch.advance({m: actions[m] for m in running}).items():
                 outcomes[m] = BY_RANK.index(step.outcome)
                 self._arrived[m] = arrived = episodes[m].arrived
                 lost[m] = failed(step, arrived)
                 rewards[m] += np.nan_to_num(step_reward(self._processes[m], step, arrived))
             if not self._until_arrival or episodes[0].awaiting.any():
                 break
-        self._count_step(running)
-        for m in np.flatnonzero(~running).tolist():
-            self._begin_board(m)
-        moving = ~(self._arrived | lost)
-        ended = (outcomes != RUNNING)[:, None]
-        self._show(rewards, moved & ~moving, moved & moving & ended)
 
-    def _looked(self) -> tuple[np.ndarray, np.ndarray]:
-        episodes = self._episodes()
+    def _observed(self) -> tuple[np.ndarray, np.ndarray]:
+        episodes, last = self._episodes(), (self.scenario.columns - 1, self.scenario.rows - 1)
         rows = []
-        for process, seen in zip(self._processes, (e.observation for e in episodes), strict=True):
-            cells = np.clip(seen.cells, 0, (self.scenario.columns - 1, self.scenario.rows - 1))
-            world, _ = on_grid(process, seen._replace(cells=cells))
+        for process, episode in zip(self._processes, episodes, strict=True):
+            observation = episode.observation
+            cells = np.clip(observation.cells, 0, last)
+            world, _ = on_grid(process, observation._replace(cells=cells))
             rows.append(world[:, self._features[:, 0]] + self._features[:, 1])
         return np.array(rows), np.array([episode.awaiting for episode in episodes])
 
     def action_masks(self) -> np.ndarray:
-        """See `DirectionBoards.action_masks`."""
+        """Return which directions lead to a free cell, (K, N, 8) int8; see `free_directions`."""
         last, robots = (self.scenario.columns, self.scenario.rows), np.arange(self.shape[1])
-        found = []
+        masks = []
         for process, episode in zip(self._processes, self._episodes(), strict=True):
             x, y = (episode.observation.cells.clip(-1, last) + 1).T
-            found.append(free_directions(process)[robots, x, y])
-        return np.array(found)
+            masks.append(free_directions(process)[robots, x, y])
+        return np.array(masks)
 
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""

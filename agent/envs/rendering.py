@@ -1,12 +1,12 @@
 """Base of the environments, and their pictures: text, or an array of pixels."""
 
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import gymnasium as gym
 import numpy as np
 
-from agent.envs.boards import EnvBoards, Restorable
-from cosim.base.arguments import validate_argument
+from cosim.base.arguments import ConfigError, validate_argument
+from cosim.model.outcome import BY_RANK, SUCCESS
 from cosim.model.scenario import Scenario
 
 PIXELS_PER_CELL = 12
@@ -17,29 +17,82 @@ ROBOT_COLOURS = np.array(
     [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233)],
     dtype=np.uint8,
 )
+_NAMES = np.array(BY_RANK, dtype=object)
 _BOARD, _GRID, _ZONE, _OBSTACLE = 255, 238, 222, 90
 
 
-class View(Restorable):
-    """Base of the environments: boards that are stepped, shown and closed.
+class Rows(NamedTuple):
+    """Results of a step by robots, those of a board one after the other: R = K · N rows.
+
+    Attributes: as of `agent.envs.boards.Results`, and infos, (R,) arrays by name.
+    """
+
+    observations: np.ndarray
+    rewards: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    infos: dict[str, np.ndarray]
+
+
+class View:
+    """Base of the environments: boards that are stepped, pictured, saved and closed.
 
     Args:
-        boards: what is stepped.
+        count: boards.
+        scenario, arguments, options: of the boards, see `_boards_of`.
         render_mode: "ansi", "rgb_array" or None.
         outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
+
+    Attributes:
+        closed: whether `close` has been called since the last `reset`.
     """
 
     metadata: Any = {"render_modes": RENDER_MODES, "render_fps": 10}  # noqa: RUF012
-    _mutable: Any = ("_boards",)
-    _boards: Any
+    closed: bool = False
+    _boards_of: Any  # makes the boards
 
-    def __init__(self, boards: EnvBoards, render_mode: str | None, outcome_names: bool) -> None:
-        self._boards = boards
+    def __init__(
+        self,
+        count: int,
+        scenario: str | Scenario,
+        *arguments: Any,
+        render_mode: str | None = None,
+        outcome_names: bool = False,
+        **options: Any,
+    ) -> None:
         self._outcome_names = validate_argument("outcome_names", outcome_names, bool)
         self.render_mode = validate_argument("render_mode", render_mode, RenderMode | None)
+        self._boards = self._boards_of(count, scenario, *arguments, **options)
+
+    def _begin(self, options: dict[str, Any] | None, seed: Any) -> Rows:
+        """Begin episodes, see `EnvBoards.reset`."""
+        self._boards.reset(options, seed)
+        self.closed = False
+        return self._rows()
+
+    def _step(self, actions: Any) -> Rows:
+        """Let K · N robots take their actions."""
+        self._require_open()
+        self._boards.step(self._boards.joint(actions))
+        return self._rows()
+
+    def _rows(self) -> Rows:
+        arrays, robots = self._boards.arrays, self._boards.shape[1]
+        ranks = np.repeat(arrays.outcomes, robots)
+        infos = {
+            "outcome": ranks,
+            "is_success": ranks == SUCCESS,
+            "path_length": self._boards.path_length_cm().ravel(),
+            "active": arrays.active.flatten(),
+        }
+        if self._outcome_names:
+            infos["outcome_name"] = _NAMES[ranks]
+        flat = arrays.rewards, arrays.terminated, arrays.truncated
+        observations = arrays.observations.reshape(len(ranks), -1).copy()
+        return Rows(observations, *(values.flatten() for values in flat), infos)
 
     def render(self) -> Any:
-        """The first board as text ("ansi") or pixels ("rgb_array")."""
+        """Return the first board as text ("ansi") or pixels ("rgb_array")."""
         self._require_open()
         if self.render_mode is None:
             gym.logger.warn("render() does nothing without a render_mode")
@@ -51,14 +104,28 @@ class View(Restorable):
         self._boards.close()
         self.closed = True
 
+    def get_state(self) -> dict[str, Any]:
+        """Return a copy of everything that changes; it can be pickled."""
+        self._require_open()
+        return self._boards.get_state()
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore a state from `get_state` of this environment, or of an equal one."""
+        self._require_open()
+        self._boards.set_state(state)
+
+    def _require_open(self) -> None:
+        if self.closed:
+            raise ConfigError("the environment is closed; call reset to use it again")
+
 
 def picture(mode: str, scenario: Scenario, positions_m: np.ndarray) -> str | np.ndarray:
-    """The board as the text or the pixels of a render mode, with robots at (N, 2) m."""
+    """Return the board as the text or the pixels of a render mode, with robots at (N, 2) m."""
     return (board_text if mode == "ansi" else board_pixels)(scenario, positions_m)
 
 
 def board_text(scenario: Scenario, positions_m: np.ndarray) -> str:
-    """The board, top row first: robots 1, 2, …; their targets a, b, …; obstacles #; zone ':'."""
+    """Return the board, top row first: robots 1, 2, …; their targets a, b, …; obstacles #; zone ':'."""
     cells = np.full((scenario.columns, scenario.rows), ".")
     left, bottom, right, top = scenario.zone
     cells[left : right + 1, bottom : top + 1] = ":"
@@ -74,7 +141,7 @@ def board_text(scenario: Scenario, positions_m: np.ndarray) -> str:
 
 
 def board_pixels(scenario: Scenario, positions_m: np.ndarray) -> np.ndarray:
-    """(rows · 12, columns · 12, 3) uint8: robots as discs, targets as squares of their colour."""
+    """Return (rows · 12, columns · 12, 3) uint8: robots as discs, targets as squares of their colour."""
     scale = PIXELS_PER_CELL
     picture = np.full((scenario.columns * scale, scenario.rows * scale, 3), _BOARD, dtype=np.uint8)
     picture[::scale] = picture[:, ::scale] = _GRID

@@ -15,8 +15,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from agent.envs.boards import Boards, Count, DirectionBoards, board_seeds
-from agent.envs.rendering import View, picture
+from agent.envs.boards import Boards, Count, EnvBoards
+from agent.envs.rendering import Rows, View, picture
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.model.outcome import RUNNING
@@ -27,50 +27,39 @@ Ends = Literal["together", "own"]
 
 
 class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Rows are the robots of `boards` boards, those of one board one after the other.
+    """Base of environments whose rows are the robots of boards, those of a board consecutive.
 
-    A board begins again with the step after the end of its episode. A row has one end per episode:
-    with `ends="together"` that of its board, until which a robot that has arrived stays where it
-    is, with rewards of 0; with `ends="own"` the robot's own, after which `infos["active"]` is false
-    in its row until the board begins again.
+    A board begins again with the step after the end of its episode. Arguments as of `View`, and:
+
+    Args:
+        num_envs: boards.
+        ends: "together", every row ends with its board, or "own", with its robot.
+
+    Attributes:
+        boards: number of boards.
+        scenario: board, targets and start cells.
     """
 
     metadata = View.metadata | {"autoreset_mode": AutoresetMode.NEXT_STEP}
-    _boards_of: Any
 
     def __init__(
         self,
         num_envs: int = 1,
         scenario: str | Scenario = "1a",
         *arguments: Any,
-        render_mode: str | None = None,
-        outcome_names: bool = False,
         ends: Ends = "together",
         **options: Any,
     ) -> None:
-        """Make the boards.
-
-        Args:
-            num_envs: boards.
-            scenario: of any number of robots.
-            arguments, options: of the boards, see the class.
-            render_mode, outcome_names: as of `View`; there is a picture per row.
-            ends: "together" or "own".
-
-        Raises:
-            UserError: the scenario or an option cannot be used, or the motor FMU cannot be built.
-        """
         require_one_of("ends", ends, ("together", "own"))
-        boards = self._boards_of(num_envs, scenario, *arguments, **options)
-        super().__init__(boards, render_mode, outcome_names)
-        self._together, self.scenario = ends == "together", boards.scenario
-        self.boards, self._robots = boards.shape
+        super().__init__(num_envs, scenario, *arguments, **options)
+        boards, self._together = self._boards, ends == "together"
+        self.scenario, (self.boards, self._robots) = boards.scenario, boards.shape
         self.num_envs = self.boards * self._robots
         self.single_observation_space = boards.observation_space
         self.single_action_space = boards.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        boards.seed(board_seeds(int(self.np_random_seed or 0), self.boards))
+        boards.seed(self.np_random_seed)
 
     def reset(
         self,
@@ -80,53 +69,43 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin episodes; one seed counts up over the boards, as entropy does without one.
 
-        `options={"starts": (boards, robots, 2) cells}` gives the start cells,
-        `options={"reset_mask": (boards,) bool}` begins again on some boards only; their seeds alone
-        are taken.
-
         Raises:
-            ConfigError: start cells cannot be used, or a mask leaves out an environment that has
-                never begun; the environments are as they were.
+            ConfigError: an option cannot be used, or "reset_mask" leaves out a board that has never
+                begun; the environment is as it was.
         """
-        self._boards.reset(options, seed)
+        rows = self._begin(options, seed)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
-        self.closed = False
-        return self._seen(), self._infos()
+        return rows.observations, _infos(rows)
 
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step all boards; a board begins again with the step after the end of its episode.
+        """Step all boards; one whose episode has ended begins again instead.
 
         Raises:
             ConfigError: an action is none of the action space, or the environment is closed.
             FmuError: an FMU failed.
         """
-        self._require_open()
-        self._boards.step(self._boards.joint(actions))
-        arrays = self._boards.arrays
-        terminated, truncated = arrays.terminated.flatten(), arrays.truncated.flatten()
+        rows = self._step(actions)
         if self._together:
-            terminated = np.repeat(arrays.outcomes != RUNNING, self._robots) & ~truncated
-        return self._seen(), arrays.rewards.flatten(), terminated, truncated, self._infos()
-
-    def _seen(self) -> np.ndarray:
-        return self._boards.arrays.observations.reshape(self.num_envs, -1).copy()
-
-    def _infos(self) -> dict[str, Any]:
-        infos = self._boards.infos(names=self._outcome_names)
-        values = {name: value.ravel() for name, value in infos.items()}
-        everywhere = np.ones(self.num_envs, dtype=bool)
-        return values | {f"_{name}": everywhere for name in values}
+            ended = rows.infos["outcome"] != RUNNING
+            rows = rows._replace(terminated=ended & ~rows.truncated)
+        return *rows[:4], _infos(rows)
 
     def render(self) -> tuple[Any, ...] | None:
-        """One picture per row, that of its board with the targets of the episode."""
+        """Return a picture for each row, that of its board with the targets of the episode."""
         self._require_open()
         if self.render_mode is None:
             return None
         pictures = [picture(self.render_mode, *scene) for scene in self._boards.scenes()]
         return tuple(one for one in pictures for _ in range(self._robots))
+
+
+def _infos(rows: Rows) -> dict[str, Any]:
+    """Return infos with the masks that Gymnasium has, which say that every row has them."""
+    everywhere = np.ones(len(rows.rewards), dtype=bool)
+    return rows.infos | {f"_{name}": everywhere for name in rows.infos}
 
 
 def direction_boards(
@@ -137,13 +116,13 @@ def direction_boards(
     cosim: bool = False,
     max_episode_steps: int | None = None,
     **physics: Any,
-) -> DirectionBoards:
-    """Boards of an environment: on the grid, or in the full co-simulation.
+) -> EnvBoards:
+    """Return the boards of an environment: on the grid, or in the full co-simulation.
 
     Args:
         count: boards.
         scenario: name of a built-in scenario, a scenario file, or a scenario.
-        process: readings of the decision process.
+        process: interpretations of the decision process.
         cosim: simulate motors and contacts instead of moving on the grid.
         max_episode_steps: limit of steps, next to the process's own `step_limit`, and in the
             co-simulation to the physics' `time_limit`.
@@ -168,40 +147,18 @@ def direction_boards(
     return Boards(count, find_scenario(scenario, ideal=True), config)
 
 
-def _together(
-    count: int,
-    scenario: str | Scenario,
-    process: ProcessConfig | None = None,
-    *,
-    cosim: bool = False,
-    **options: Any,
-) -> DirectionBoards:
-    """`direction_boards` that advance together."""
-    if cosim and options.setdefault("decision", "period") != "period":
-        raise ConfigError(
-            f"decision = {options['decision']} is not possible for boards that advance "
-            'together; leave it out and look at infos["active"], or make_vec with '
-            'vectorization_mode="sync"'
-        )
-    return direction_boards(count, scenario, process, cosim=cosim, **options)
-
-
 class RobotsVectorEnv(RowsVectorEnv):
-    """Robots that choose directions and share a policy: every robot is a sub-environment.
+    """Robots that choose directions and share a policy: every robot is a row."""
 
-    `make_vec("MiniRobots/Pair-v0", num_envs=K)` has K boards and so K·N rows, which is what
-    `env.num_envs` says, as learners that share parameters expect it; the robots of a board are
-    consecutive rows. Observations and rewards of a robot are those of `agent.envs.parallel_env`;
-    of ends see `RowsVectorEnv`. Actions (any direction) of a robot that has arrived are
-    ignored, and so are those of the step after a board's end, with which all its robots begin again
-    (next-step autoreset). `infos["active"]` marks the robots that use their next action.
-
-    In the co-simulation boards advance together, 2 s of simulated time a step, in which robots
-    under way ignore their actions. `reset(options={"mu": (boards,)})` gives friction coefficients,
-    `{"targets": (boards, robots, 2)}` target cells of these episodes.
-    """
-
-    _boards_of = staticmethod(_together)
+    @staticmethod
+    def _boards_of(*arguments: Any, **options: Any) -> EnvBoards:
+        if options.get("cosim") and options.setdefault("decision", "period") != "period":
+            raise ConfigError(
+                f"decision = {options['decision']} is not possible for boards that advance "
+                'together; leave it out and look at infos["active"], or make_vec with '
+                'vectorization_mode="sync"'
+            )
+        return direction_boards(*arguments, **options)
 
     def action_masks(self) -> np.ndarray:
         """Return (rows, 8) bool, which directions lead to a free cell."""
