@@ -191,7 +191,8 @@ class EnvBoards(ABC):
         """Return of each board what a picture shows: its scenario and (N, 2) positions in m."""
 
     def close(self) -> None:
-        """Free what simulates."""
+        """End all episodes, and free what simulates."""
+        self.arrays.outcomes[:] = TIMEOUT
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of everything that changes; it can be pickled."""

@@ -25,7 +25,7 @@ from cosim.base.errors import shorten
 from cosim.base.jit import kernel
 from cosim.coupling.signals import MOTORS, Samples
 from cosim.model.config import CoSimConfig, whole_ratio
-from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
+from cosim.model.outcome import RUNNING, SUCCESS
 from cosim.model.params import TIMING, Positive
 from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.onboard.estimation import POSE
@@ -33,6 +33,7 @@ from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 from cosim.physics.body_state import X, Y, orientation_of, standing_state
 from cosim.physics.rotation import heading
 from cosim.simulation.driving import DriveObservation, in_frames, refuse_without_effect, velocities
+from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.measures import Measures
 
 TIME_LIMIT_S = 120.0
@@ -48,7 +49,7 @@ _NEW_DITHER = (0.0, 1.0)
 ACTIONS = ("velocity", "motors")
 
 
-class Rows(NamedTuple):
+class Driven(NamedTuple):
     """Robots of K boards that are driven; float64, a row for each of the K · N.
 
     Attributes:
@@ -166,18 +167,15 @@ class DriveBoards(DynamicsBoards):
         last = -(-self._config.ticks(timing.episode_limit_s) // step_ticks)
         self._limit = min(self._limit, last)
         sizes = ((3,), (3,), (2,), (), (2,), (5,))
-        self._rows = Rows._make(np.zeros((rows, *size)) for size in sizes)
+        self._rows = Driven._make(np.zeros((rows, *size)) for size in sizes)
 
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
         size = 13 + 2 * (self.scenario.robots > 1) + 5 * self._context
         seen = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
         return seen, spaces.Box(-1.0, 1.0, (2,), np.float32)
 
-    def _checked(
-        self, *, mu: float | None = None, starts: Any = None, targets: Any = None
-    ) -> tuple[Any, ...]:
-        self._check_mu(mu)
-        return mu, self._positions("starts", starts, 3), self._positions("targets", targets, 2)
+    def _placement(self, starts: Any, targets: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
+        return self._positions("starts", starts, 3), self._positions("targets", targets, 2)
 
     def _positions(self, name: str, values: Any, size: int) -> np.ndarray | None:
         if values is None:
@@ -218,14 +216,9 @@ class DriveBoards(DynamicsBoards):
             f"reach = {self._reach_m:g} m; choose a larger reach, or give starts and targets"
         )
 
-    def _begin_board(
-        self,
-        m: int,
-        mu: float | None = None,
-        poses: np.ndarray | None = None,
-        targets_m: np.ndarray | None = None,
-    ) -> None:
-        rng, seed = self._draws(m)
+    def _draw(
+        self, rng: np.random.Generator, poses: np.ndarray | None, targets_m: np.ndarray | None
+    ) -> tuple[Any, ...]:
         if poses is None:
             headings = rng.uniform(-math.pi, math.pi, self.shape[1])
             poses = np.column_stack([self._drawn(rng, None), headings])
@@ -233,16 +226,18 @@ class DriveBoards(DynamicsBoards):
             targets_m = self._drawn(rng, poses[:, :2])
         # no robot's target cell is forbidden to the others: its centre is what counts here
         scenario = replace(self.scenario, zone_is_obstacle=False)
-        cells = poses[:, :2] // scenario.cell_m
-        episode = self._begin_episode(m, scenario, cells, mu, rng, seed)
-        config = episode.config
+        return scenario, poses[:, :2] // scenario.cell_m, poses, targets_m
+
+    def _set_up(
+        self, m: int, episode: RunningEpisode, poses: np.ndarray, targets_m: np.ndarray
+    ) -> None:
         episode.measures = Measures(poses[:, :2], poses[:, 2], _PERIOD_S)
         where = slice(m * self.shape[1], (m + 1) * self.shape[1])
         state, rows = self._batch.state, self._rows
         for column, (x, y, angle) in enumerate(poses.tolist(), where.start):
-            state.bodies[:, column] = standing_state(config.robot, x, y, angle)
+            state.bodies[:, column] = standing_state(episode.config.robot, x, y, angle)
         state.estimates[where, POSE : POSE + 3] = poses
-        begun = poses, 0.0, targets_m, 0.0, _NEW_DITHER, _world_of(config)
+        begun = poses, 0.0, targets_m, 0.0, _NEW_DITHER, _world_of(episode.config)
         for array, values in zip(rows, begun, strict=True):
             array[where] = values
         _locate(state.bodies, rows.targets_m, np.empty_like(rows.poses), rows.away_m)
@@ -380,7 +375,7 @@ def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -
     Args:
         motion: of the R robots of some boards, which have the same size and one calibration.
         robots: of each board.
-        worlds: (R, 5) of `Rows`, to observe as well; None for none.
+        worlds: (R, 5) of `Driven`, to observe as well; None for none.
     """
     poses, velocities, speeds, targets_m = motion[:4]
     steering, sin, cos = motion.config.steering, np.sin(poses[:, 2]), np.cos(poses[:, 2])
@@ -407,7 +402,7 @@ def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -
 
 
 def _world_of(config: CoSimConfig) -> tuple[float, ...]:
-    """Return an episode's world, see `Rows`."""
+    """Return an episode's world, see `Driven`."""
     world = config.world
     spread, restitution = world.motor_spread or 0.0, world.restitution or 0.0
     return config.robot.mu, spread, restitution, world.floor_tilt_deg, 0.1 * world.payload_g

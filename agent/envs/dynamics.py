@@ -97,7 +97,9 @@ class DynamicsBoards(EnvBoards):
     def _begun(self) -> np.ndarray:
         return np.array([episode is not None for episode in self._batch.episodes])
 
-    def _check_mu(self, mu: float | None) -> None:
+    def _checked(
+        self, *, mu: float | None = None, starts: Any = None, targets: Any = None
+    ) -> tuple[float | None, tuple[Any, ...]]:
         if mu is not None:
             if self._config.shield:
                 raise ConfigError(
@@ -107,33 +109,23 @@ class DynamicsBoards(EnvBoards):
             self._config.having("given", mu=mu)  # refuses some
             if mu == 0.0:
                 raise ConfigError("mu = 0 is invalid: no robot could drive; give more")
+        return mu, self._placement(starts, targets)
 
-    def _begin(self, given: dict[int, tuple[Any, ...]]) -> None:
-        for m, checked in given.items():
-            self._begin_board(m, *checked)
+    @abstractmethod
+    def _placement(self, starts: Any, targets: Any) -> tuple[Any, ...]:
+        """Return what `_draw` takes, of starts and targets that a user gave, or None each."""
+
+    def _begin(self, given: dict[int, tuple[float | None, tuple[Any, ...]]]) -> None:
+        for m, (mu, placement) in given.items():
+            self._begin_board(m, mu, placement)
         none = np.zeros(self.shape, dtype=bool)
         self._publish(np.zeros(self.shape), none, none)
 
-    @abstractmethod
-    def _begin_board(self, m: int, *arguments: Any, **options: Any) -> None:
-        """Begin an episode on board m: with what `_checked` returned, or drawn without it."""
-
-    def _draws(self, m: int) -> tuple[np.random.Generator, np.random.SeedSequence]:
-        """Return what draws the places of board m's next episode, and the seed of its noise."""
-        places, noise = self._seeds[m].spawn(2)
-        return np.random.default_rng(places), noise
-
-    def _begin_episode(
-        self,
-        m: int,
-        scenario: Scenario,
-        cells: np.ndarray,
-        mu: float | None,
-        rng: np.random.Generator,
-        seed: np.random.SeedSequence,
-    ) -> RunningEpisode:
-        """Begin an episode from (N, 2) cells, in a world that `rng` draws."""
-        config = self._config
+    def _begin_board(self, m: int, mu: float | None, placement: tuple[Any, ...]) -> None:
+        """Begin an episode on board m, in a drawn world if worlds are drawn."""
+        positions, noise = self._seeds[m].spawn(2)
+        rng, config = np.random.default_rng(positions), self._config
+        scenario, cells, *placed = self._draw(rng, *placement)
         if self._worlds is not None:  # steering keeps its calibration, as in drawn worlds
             side = max(self.scenario.columns, self.scenario.rows)
             config = config.in_world(draw_world(self._worlds, side, side // 2, rng))
@@ -141,7 +133,15 @@ class DynamicsBoards(EnvBoards):
             config = config.having("given", mu=mu)
         starts = tuple((int(x), int(y)) for x, y in cells)
         self.arrays.outcomes[m], self._arrived[m], self._steps[m] = RUNNING, False, 0
-        return self._batch.begin(m, scenario, starts, seed, config)
+        self._set_up(m, self._batch.begin(m, scenario, starts, noise, config), *placed)
+
+    @abstractmethod
+    def _draw(self, rng: np.random.Generator, *placement: Any) -> tuple[Any, ...]:
+        """Draw what `_placement` left open: scenario, (N, 2) cells, and what `_set_up` takes."""
+
+    @abstractmethod
+    def _set_up(self, m: int, episode: RunningEpisode, *placed: Any) -> None:
+        """Prepare board m for an episode that has begun."""
 
     def step(self, actions: np.ndarray) -> None:
         """See `EnvBoards.step`."""
@@ -155,7 +155,7 @@ class DynamicsBoards(EnvBoards):
         for m in np.flatnonzero(running & (outcomes != RUNNING)).tolist():
             self._batch.stop(m)
         for m in np.flatnonzero(~running).tolist():
-            self._begin_board(m)
+            self._begin_board(m, None, self._placement(None, None))
         moving = ~(self._arrived | lost)
         self._publish(rewards, moved & ~moving, moved & moving & (outcomes != RUNNING)[:, None])
 
@@ -193,9 +193,9 @@ class DynamicsBoards(EnvBoards):
         return 100.0 * np.array([episode.measures.path_length_m for episode in self._episodes()])
 
     def close(self) -> None:
-        """Free the FMU instances."""
+        """See `EnvBoards.close`."""
+        super().close()
         self._batch.close()
-        self.arrays.outcomes[:] = TIMEOUT
 
 
 class CoSimBoards(DynamicsBoards):
@@ -232,32 +232,28 @@ class CoSimBoards(DynamicsBoards):
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
         return direction_spaces(self.scenario, self._process)
 
-    def _checked(
-        self, *, mu: float | None = None, starts: Any = None, targets: Any = None
-    ) -> tuple[Any, ...]:
-        self._check_mu(mu)
+    def _placement(self, starts: Any, targets: Any) -> tuple[Scenario, np.ndarray | None, Process]:
         scenario, process = self.scenario, self._usual
         if targets is not None:
             aims = whole_cells("targets", targets, (scenario.robots, 2))
             scenario = replace(scenario, targets=tuple((int(x), int(y)) for x, y in aims))
             process = build_process(scenario, self._process)
         cells = None if starts is None else placed_world(process, starts)[:, [X, Y]]
-        return mu, scenario, process, cells
+        return scenario, cells, process
 
-    def _begin_board(
+    def _draw(
         self,
-        m: int,
-        mu: float | None = None,
-        scenario: Scenario | None = None,
-        process: Process | None = None,
-        cells: np.ndarray | None = None,
-    ) -> None:
-        rng, seed = self._draws(m)
-        scenario, process = scenario or self.scenario, process or self._usual
+        rng: np.random.Generator,
+        scenario: Scenario,
+        cells: np.ndarray | None,
+        process: Process,
+    ) -> tuple[Scenario, np.ndarray, Process]:
         if cells is None:
             cells = np.array(draw_starts(scenario, rng))
             placed_world(process, cells)  # refuses some
-        self._begin_episode(m, scenario, cells, mu, rng, seed)
+        return scenario, cells, process
+
+    def _set_up(self, m: int, episode: RunningEpisode, process: Process) -> None:
         self._processes[m] = process
 
     def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:

@@ -125,7 +125,7 @@ def picture(mode: str, scenario: Scenario, positions_m: np.ndarray) -> str | np.
 
 
 def board_text(scenario: Scenario, positions_m: np.ndarray) -> str:
-    """Return the board, top row first: robots 1, 2, …; their targets a, b, …; obstacles #; zone ':'."""
+    """Return the board, top row first: robots 1, 2, …; targets a, b, …; obstacles #; zone ':'."""
     cells = np.full((scenario.columns, scenario.rows), ".")
     left, bottom, right, top = scenario.zone
     cells[left : right + 1, bottom : top + 1] = ":"
@@ -141,7 +141,7 @@ def board_text(scenario: Scenario, positions_m: np.ndarray) -> str:
 
 
 def board_pixels(scenario: Scenario, positions_m: np.ndarray) -> np.ndarray:
-    """Return (rows · 12, columns · 12, 3) uint8: robots as discs, targets as squares of their colour."""
+    """Return (rows · 12, columns · 12, 3) uint8: robots as discs, targets as squares."""
     scale = PIXELS_PER_CELL
     picture = np.full((scenario.columns * scale, scenario.rows * scale, 3), _BOARD, dtype=np.uint8)
     picture[::scale] = picture[:, ::scale] = _GRID
