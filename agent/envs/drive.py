@@ -298,28 +298,68 @@ class DriveBoards(DynamicsBoards):
 
 
 class DriveVectorEnv(RowsVectorEnv):
-    """Robots that learn to drive; every robot of `num_envs` boards is a row; see `DriveBoards`.
+    """Robots that learn to drive to drawn targets; every robot of the boards is a row.
 
-    Observations of a robot, as float32: target ahead and to the left (0.1 m), sine and cosine of
-    the heading, position over the board's size, velocity ahead and to the left and yaw rate (of the
-    calibrated ones), speeds of motors D and E over the largest, cosine and sine of the angle to the
-    target; with several robots the nearest other (0.1 m), with `context` the drawn world. Actions
-    in [-1, 1], beyond which they are cut: velocity and yaw rate over the calibrated ones, or set
-    points of motors D and E over the largest speed. An episode ends when all robots have been
-    within 5 mm of their targets, when one fails, or at the time limit.
+    `num_envs=K` boards of N robots have R = K · N rows, and `env.num_envs` is R.
 
-    Options of `reset` have for each board "starts" (robots, 3), x and y in m and heading in rad,
-    drawn on the whole board by default; "targets" (robots, 2) in m, drawn within reach of the
-    starts by default; "mu" of the floor; "reset_mask" (boards,) bool, boards to begin.
+    - Observation: Box (R, F) float32, cut to -10 to 10, as of `DriveEnv`: F is 13, with several
+      robots 2 more, offset ahead and to the left of the nearest other one in 0.1 m, and with
+      `context` 5 more at the end.
+    - Action: Box (R, 2) from -1 to 1, as of `DriveEnv`; ignored by robots that have arrived, and in
+      the step that begins a board again.
+    - Reward: (R,) float64 as of `DriveEnv`, for every robot of its own; 0 for robots that have
+      arrived, and where a board begins again.
+    - Termination: (R,) bool, by `ends="together"` the rows of a board when all its robots have
+      arrived (5 mm) or one has left the board or touched something; by `ends="own"` a robot that
+      arrived in its own step, the others then.
+    - Truncation: (R,) bool, robots that have not arrived at the limit: `max_episode_steps`, or
+      `time_limit` (120 s of simulated time).
+    - Restart, infos, option `reset_mask`: as of `agent.envs.vector.RobotsVectorEnv`.
+    - Options of `reset`: `starts`, (K, N, 3), `targets`, (K, N, 2), `mu`, (K,), as of `DriveEnv`.
+
+    Args: `num_envs`; `ends` as above; those of `DriveBoards` but for `count`, and of `View`.
+
+    >>> env = DriveVectorEnv(2, "2")
+    >>> observations, infos = env.reset(seed=0)
+    >>> observations.shape, env.action_space.shape
+    ((4, 15), (4, 2))
+    >>> env.close()
     """
 
     _boards_of = DriveBoards
 
 
 class DriveEnv(SingleEnv):
-    """One robot that learns to drive: a row of `DriveVectorEnv`; options and spaces as there.
+    """One robot that learns to drive to drawn targets.
 
-    `starts` (1, 3), `targets` (1, 2) and `mu` can be given as options of `reset`.
+    - Observation: Box (F,) float32, cut to -10 to 10. 0, 1: target ahead and to the left in 0.1 m.
+      2, 3: sine and cosine of the heading. 4, 5: x and y over the board's size. 6, 7: velocity
+      ahead and to the left over the calibrated speed. 8: yaw rate over the calibrated one. 9, 10:
+      speeds of motors D and E over the largest. 11, 12: cosine and sine of the angle to the target.
+      With `context` 5 more: µ, motor spread, restitution, slope in deg, payload in 10 g.
+    - Action: Box (2,) from -1 to 1, cut beyond, for `control_interval` (0.1 s). "velocity": speed
+      ahead and yaw rate over the calibrated ones. "motors": set points of D and E over the largest.
+    - Reward, float: "dense" 1 per cm of progress, -0.1 per s, 10 on arrival, -10 on failure;
+      "sparse" 1 on arrival, -1 on failure, else 0.
+    - Termination: the centre is within 5 mm of the target, or left the board, or the robot touched
+      an obstacle.
+    - Truncation: after `max_episode_steps` (of the id 1200), or `time_limit` (120 s of simulated
+      time).
+    - Infos: as of `agent.envs.single.NavigationEnv`.
+    - Options of `reset`: `starts`, [[x, y, heading]] in m and rad, by default anywhere on the board;
+      `targets`, [[x, y]] in m, by default within `reach` (0.2 m) of the start; `mu`, friction
+      coefficient of the floor, for this episode.
+
+    Args: those of `DriveBoards` but for `count`, and of `View`.
+
+    >>> env = DriveEnv(control_interval=0.5)
+    >>> start = {"starts": [[0.15, 0.15, 0.0]], "targets": [[0.25, 0.15]]}
+    >>> env.reset(seed=0, options=start)[0].round(2).tolist()
+    [1.0, 0.0, 0.0, 1.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    >>> observation, reward, terminated, truncated, info = env.step(np.array([1.0, 0.0]))
+    >>> bool(observation[0] < 1.0), terminated, truncated, info["active"]
+    (True, False, False, True)
+    >>> env.close()
     """
 
     _boards_of = DriveBoards

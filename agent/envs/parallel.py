@@ -28,13 +28,42 @@ AgentResults = tuple[
 
 
 class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
-    """Robots that learn to reach their targets without touching each other.
+    """Robots that learn to reach their targets without touching each other, for PettingZoo.
 
-    Agents are `robot_1`, `robot_2`, …. They observe their features (Section III) as MultiDiscrete
-    and choose one of eight directions; rewards are Eq. (8) and (11). A robot that arrives is
-    terminated and stays where it is; a failure terminates the robots that failed and truncates
-    those still on their move, so that their next state still has a value. What is random in an
+    Agents are `robot_1`, `robot_2`, …. Each value is a dict by agent. What is random in an
     environment that was never seeded comes from entropy.
+
+    - Observation: MultiDiscrete (F,) int64, the features of `process.features` (Section III)
+      counted from 0; by default column, row, distance class (0 near, 1 medium, 2 large) and change
+      of distance (0 closer, 1 same, 2 farther) of the nearest other robot; without the last two for
+      a lone robot. `state()` is (N · F,), those of all robots.
+    - Action: Discrete(8), direction k · 45° counter-clockwise from +x. Every agent of `agents` needs
+      one. In the dynamics a step lasts until any robot waits for its next action
+      (`decision="arrival"`), or an RL step of 2 s ("period"); robots on their move ignore theirs.
+    - Reward, float, Eq. (8) and (11): 100 on arrival, -100 on failure, else -1 per move, in the
+      dynamics per RL step that passed, and more for closing in on a robot within 10 cm.
+    - Termination: the robot arrived, and stays where it is; or it left the board or touched
+      something, which ends the episode of all.
+    - Truncation: robots still on their move when another one failed, so that their next state has a
+      value; or at a limit: `max_cycles`, on the grid also `process.step_limit` (1000 moves), in the
+      dynamics also `time_limit` (600 s of simulated time).
+    - Infos: `outcome` of the episode, int, 0 running, 1 timeout, 2 success, 3 collision, 4 out of
+      the board; `is_success`, bool; `path_length`, float, cm since the start; `active`, bool,
+      whether the next action counts; `action_mask`, (8,) int8, 1 where a direction leads to a free
+      cell; with `outcome_names`, `outcome_name`, str.
+    - Options of `reset`: `starts`, [[column, row], …]; in the dynamics also `targets`, likewise, and
+      `mu`, friction coefficient of the floor, for this episode.
+
+    Args: `max_cycles`, limit of steps; those of `agent.envs.vector.direction_boards` but for
+        `count` and `max_episode_steps`, and of `View`.
+
+    >>> env = NavigationParallelEnv("2")
+    >>> observations, infos = env.reset(seed=0, options={"starts": [[15, 19], [5, 5]]})
+    >>> observations
+    {'robot_1': array([15, 19,  2,  1]), 'robot_2': array([5, 5, 2, 1])}
+    >>> observations, rewards, *ends, infos = env.step({"robot_1": 6, "robot_2": 0})
+    >>> rewards, env.agents
+    ({'robot_1': 100.0, 'robot_2': -1.0}, ['robot_2'])
     """
 
     metadata = View.metadata | {"name": "minirobots_v0", "is_parallelizable": True}

@@ -61,7 +61,36 @@ def _info(rows: Rows) -> dict[str, Any]:
 
 
 class NavigationEnv(SingleEnv):
-    """One robot that learns to reach its target."""
+    """One robot that learns to reach its target cell, on the grid or in the dynamics.
+
+    - Observation: MultiDiscrete (F,) int64, the features of `process.features` (Section III), each
+      counted from 0; by default column and row of the robot's cell, [30, 30] on the paper's board.
+      A robot that left the board seems to be at its edge.
+    - Action: Discrete(8), the next move goes to the neighbour at k · 45° counter-clockwise from +x.
+      In the dynamics a step lasts until the robot waits for its next action (`decision="arrival"`),
+      or an RL step of 2 s (`decision="period"`), in which a robot on its move ignores the action.
+    - Reward, Eq. (8): 100 on arrival, -100 on failure, else -1 per move, in the dynamics per RL
+      step that passed. `process` can give other amounts.
+    - Termination: the robot arrived, left the board or touched an obstacle.
+    - Truncation: after `max_episode_steps`, on the grid also `process.step_limit` (1000 moves), in
+      the dynamics also `time_limit` (600 s of simulated time).
+    - Infos: `outcome`, int, 0 running, 1 timeout, 2 success, 3 collision, 4 out of the board;
+      `is_success`, bool; `path_length`, float, cm since the start; `active`, bool, whether the next
+      action counts; with `outcome_names`, `outcome_name`, str.
+    - Options of `reset`: `starts`, [[column, row]]; in the dynamics also `targets`, [[column, row]],
+      and `mu`, friction coefficient of the floor, for this episode.
+
+    Args: those of `agent.envs.vector.direction_boards` but for `count`, and of `View`.
+
+    >>> env = NavigationEnv("1a")
+    >>> env.reset(seed=0, options={"starts": [[15, 20]]})[0]
+    array([15, 20])
+    >>> env.step(6)[:4]
+    (array([15, 19]), -1.0, False, False)
+    >>> observation, reward, terminated, truncated, info = env.step(6)
+    >>> reward, terminated, info["outcome"], info["path_length"]
+    (100.0, True, 2, 2.0)
+    """
 
     _boards_of = staticmethod(direction_boards)
 
