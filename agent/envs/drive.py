@@ -174,7 +174,7 @@ class DriveBoards(DynamicsBoards):
         seen = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
         return seen, spaces.Box(-1.0, 1.0, (2,), np.float32)
 
-    def _placement(self, starts: Any, targets: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
+    def _placement(self, starts: Any, targets: Any) -> Any:
         return self._positions("starts", starts, 3), self._positions("targets", targets, 2)
 
     def _positions(self, name: str, values: Any, size: int) -> np.ndarray | None:
@@ -216,9 +216,8 @@ class DriveBoards(DynamicsBoards):
             f"reach = {self._reach_m:g} m; choose a larger reach, or give starts and targets"
         )
 
-    def _draw(
-        self, rng: np.random.Generator, poses: np.ndarray | None, targets_m: np.ndarray | None
-    ) -> tuple[Any, ...]:
+    def _draw(self, rng: np.random.Generator, placement: Any) -> tuple[Scenario, np.ndarray, Any]:
+        poses, targets_m = placement
         if poses is None:
             headings = rng.uniform(-math.pi, math.pi, self.shape[1])
             poses = np.column_stack([self._drawn(rng, None), headings])
@@ -226,11 +225,10 @@ class DriveBoards(DynamicsBoards):
             targets_m = self._drawn(rng, poses[:, :2])
         # no robot's target cell is forbidden to the others: its centre is what counts here
         scenario = replace(self.scenario, zone_is_obstacle=False)
-        return scenario, poses[:, :2] // scenario.cell_m, poses, targets_m
+        return scenario, poses[:, :2] // scenario.cell_m, (poses, targets_m)
 
-    def _set_up(
-        self, m: int, episode: RunningEpisode, poses: np.ndarray, targets_m: np.ndarray
-    ) -> None:
+    def _set_up(self, m: int, episode: RunningEpisode, placed: Any) -> None:
+        poses, targets_m = placed
         episode.measures = Measures(poses[:, :2], poses[:, 2], _PERIOD_S)
         where = slice(m * self.shape[1], (m + 1) * self.shape[1])
         state, rows = self._batch.state, self._rows
@@ -346,7 +344,7 @@ class DriveEnv(SingleEnv):
     - Truncation: after `max_episode_steps` (of the id 1200), or `time_limit` (120 s of simulated
       time).
     - Infos: as of `agent.envs.single.NavigationEnv`.
-    - Options of `reset`: `starts`, [[x, y, heading]] in m and rad, by default anywhere on the board;
+    - Options of `reset`: `starts`, [[x, y, heading]] in m and rad, by default anywhere on it;
       `targets`, [[x, y]] in m, by default within `reach` (0.2 m) of the start; `mu`, friction
       coefficient of the floor, for this episode.
 

@@ -99,7 +99,7 @@ class DynamicsBoards(EnvBoards):
 
     def _checked(
         self, *, mu: float | None = None, starts: Any = None, targets: Any = None
-    ) -> tuple[float | None, tuple[Any, ...]]:
+    ) -> tuple[float | None, Any]:
         if mu is not None:
             if self._config.shield:
                 raise ConfigError(
@@ -112,20 +112,20 @@ class DynamicsBoards(EnvBoards):
         return mu, self._placement(starts, targets)
 
     @abstractmethod
-    def _placement(self, starts: Any, targets: Any) -> tuple[Any, ...]:
+    def _placement(self, starts: Any, targets: Any) -> Any:
         """Return what `_draw` takes, of starts and targets that a user gave, or None each."""
 
-    def _begin(self, given: dict[int, tuple[float | None, tuple[Any, ...]]]) -> None:
+    def _begin(self, given: dict[int, tuple[float | None, Any]]) -> None:
         for m, (mu, placement) in given.items():
             self._begin_board(m, mu, placement)
         none = np.zeros(self.shape, dtype=bool)
         self._publish(np.zeros(self.shape), none, none)
 
-    def _begin_board(self, m: int, mu: float | None, placement: tuple[Any, ...]) -> None:
+    def _begin_board(self, m: int, mu: float | None, placement: Any) -> None:
         """Begin an episode on board m, in a drawn world if worlds are drawn."""
         positions, noise = self._seeds[m].spawn(2)
         rng, config = np.random.default_rng(positions), self._config
-        scenario, cells, *placed = self._draw(rng, *placement)
+        scenario, cells, placed = self._draw(rng, placement)
         if self._worlds is not None:  # steering keeps its calibration, as in drawn worlds
             side = max(self.scenario.columns, self.scenario.rows)
             config = config.in_world(draw_world(self._worlds, side, side // 2, rng))
@@ -133,14 +133,14 @@ class DynamicsBoards(EnvBoards):
             config = config.having("given", mu=mu)
         starts = tuple((int(x), int(y)) for x, y in cells)
         self.arrays.outcomes[m], self._arrived[m], self._steps[m] = RUNNING, False, 0
-        self._set_up(m, self._batch.begin(m, scenario, starts, noise, config), *placed)
+        self._set_up(m, self._batch.begin(m, scenario, starts, noise, config), placed)
 
     @abstractmethod
-    def _draw(self, rng: np.random.Generator, *placement: Any) -> tuple[Any, ...]:
+    def _draw(self, rng: np.random.Generator, placement: Any) -> tuple[Scenario, np.ndarray, Any]:
         """Draw what `_placement` left open: scenario, (N, 2) cells, and what `_set_up` takes."""
 
     @abstractmethod
-    def _set_up(self, m: int, episode: RunningEpisode, *placed: Any) -> None:
+    def _set_up(self, m: int, episode: RunningEpisode, placed: Any) -> None:
         """Prepare board m for an episode that has begun."""
 
     def step(self, actions: np.ndarray) -> None:
@@ -232,7 +232,7 @@ class CoSimBoards(DynamicsBoards):
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
         return direction_spaces(self.scenario, self._process)
 
-    def _placement(self, starts: Any, targets: Any) -> tuple[Scenario, np.ndarray | None, Process]:
+    def _placement(self, starts: Any, targets: Any) -> Any:
         scenario, process = self.scenario, self._usual
         if targets is not None:
             aims = whole_cells("targets", targets, (scenario.robots, 2))
@@ -242,19 +242,16 @@ class CoSimBoards(DynamicsBoards):
         return scenario, cells, process
 
     def _draw(
-        self,
-        rng: np.random.Generator,
-        scenario: Scenario,
-        cells: np.ndarray | None,
-        process: Process,
+        self, rng: np.random.Generator, placement: Any
     ) -> tuple[Scenario, np.ndarray, Process]:
+        scenario, cells, process = placement
         if cells is None:
             cells = np.array(draw_starts(scenario, rng))
             placed_world(process, cells)  # refuses some
         return scenario, cells, process
 
-    def _set_up(self, m: int, episode: RunningEpisode, process: Process) -> None:
-        self._processes[m] = process
+    def _set_up(self, m: int, episode: RunningEpisode, placed: Process) -> None:
+        self._processes[m] = placed
 
     def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
         """Simulate an RL step, or until a robot waits for an action; see the base class."""

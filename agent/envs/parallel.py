@@ -37,9 +37,9 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
       counted from 0; by default column, row, distance class (0 near, 1 medium, 2 large) and change
       of distance (0 closer, 1 same, 2 farther) of the nearest other robot; without the last two for
       a lone robot. `state()` is (N · F,), those of all robots.
-    - Action: Discrete(8), direction k · 45° counter-clockwise from +x. Every agent of `agents` needs
-      one. In the dynamics a step lasts until any robot waits for its next action
-      (`decision="arrival"`), or an RL step of 2 s ("period"); robots on their move ignore theirs.
+    - Action: Discrete(8), direction k · 45° counter-clockwise from +x, of every agent of `agents`.
+      In the dynamics a step lasts until any robot waits for its next action (`decision="arrival"`),
+      or an RL step of 2 s (`decision="period"`); robots on their move ignore their action.
     - Reward, float, Eq. (8) and (11): 100 on arrival, -100 on failure, else -1 per move, in the
       dynamics per RL step that passed, and more for closing in on a robot within 10 cm.
     - Termination: the robot arrived, and stays where it is; or it left the board or touched
@@ -51,8 +51,8 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
       the board; `is_success`, bool; `path_length`, float, cm since the start; `active`, bool,
       whether the next action counts; `action_mask`, (8,) int8, 1 where a direction leads to a free
       cell; with `outcome_names`, `outcome_name`, str.
-    - Options of `reset`: `starts`, [[column, row], …]; in the dynamics also `targets`, likewise, and
-      `mu`, friction coefficient of the floor, for this episode.
+    - Options of `reset`: `starts`, [[column, row], …]; in the dynamics also `targets`, likewise,
+      and `mu`, friction coefficient of the floor, for this episode.
 
     Args: `max_cycles`, limit of steps; those of `agent.envs.vector.direction_boards` but for
         `count` and `max_episode_steps`, and of `View`.
@@ -83,8 +83,10 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
         boards.seed(np.random.SeedSequence().entropy)
         self.agents = []
         self.possible_agents = [f"robot_{k + 1}" for k in range(boards.shape[1])]
-        self.observation_spaces = dict.fromkeys(self.possible_agents, features)
-        self.action_spaces = {agent: spaces.Discrete(8) for agent in self.possible_agents}
+        self.observation_spaces: dict[str, Any] = dict.fromkeys(self.possible_agents, features)
+        self.action_spaces: dict[str, Any] = {
+            agent: spaces.Discrete(DIRECTION_COUNT) for agent in self.possible_agents
+        }
         self.state_space = spaces.MultiDiscrete([*features.nvec] * len(self.possible_agents))
 
     def observation_space(self, agent: str) -> spaces.Space:
@@ -121,9 +123,9 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
             gym.logger.warn("step() does nothing after the end of an episode")
             return {}, {}, {}, {}, {}
         rows = self._step(self._checked(actions))
-        flat = rows.rewards, rows.terminated, rows.truncated
-        by_agent = (self._by_agent(values.tolist()) for values in flat)
-        results = self._by_agent(rows.observations), *by_agent, self._infos(rows)
+        observations, *flat, _ = rows
+        rewards, terminated, truncated = (self._by_agent(values.tolist()) for values in flat)
+        results = self._by_agent(observations), rewards, terminated, truncated, self._infos(rows)
         self.agents = self._remaining()
         return results
 

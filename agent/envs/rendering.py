@@ -87,9 +87,13 @@ class View:
         }
         if self._outcome_names:
             infos["outcome_name"] = _NAMES[ranks]
-        flat = arrays.rewards, arrays.terminated, arrays.truncated
-        observations = arrays.observations.reshape(len(ranks), -1).copy()
-        return Rows(observations, *(values.flatten() for values in flat), infos)
+        return Rows(
+            arrays.observations.reshape(len(ranks), -1).copy(),
+            arrays.rewards.flatten(),
+            arrays.terminated.flatten(),
+            arrays.truncated.flatten(),
+            infos,
+        )
 
     def render(self) -> Any:
         """Return the first board as text ("ansi") or pixels ("rgb_array")."""

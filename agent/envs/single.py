@@ -77,7 +77,7 @@ class NavigationEnv(SingleEnv):
     - Infos: `outcome`, int, 0 running, 1 timeout, 2 success, 3 collision, 4 out of the board;
       `is_success`, bool; `path_length`, float, cm since the start; `active`, bool, whether the next
       action counts; with `outcome_names`, `outcome_name`, str.
-    - Options of `reset`: `starts`, [[column, row]]; in the dynamics also `targets`, [[column, row]],
+    - Options of `reset`: `starts`, [[column, row]]; in the dynamics also `targets`, likewise,
       and `mu`, friction coefficient of the floor, for this episode.
 
     Args: those of `agent.envs.vector.direction_boards` but for `count`, and of `View`.
