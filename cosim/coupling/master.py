@@ -74,8 +74,6 @@ class Driver(ABC):
     2. For every communication step: motors step, their outputs are read, and bodies move tick by
        tick with them; with reaction, inputs are set again with what the bodies did.
     3. Voltages and currents are read, and the period's samples are kept.
-
-    After an error the driver and its motors are not used again.
     """
 
     def __init__(self, motors: Motors, lanes: int = 1) -> None:
