@@ -1,7 +1,7 @@
 """Boards that environments step together: what they have in common, and those of the grid.
 
-The views of boards are `agent.envs.single`, `vector` and `parallel`; none adds anything to the
-process. The boards in the dynamics are in `agent.envs.dynamics`.
+The environments, `agent.envs.navigation` and `agent.envs.drive`, are views of boards and add nothing
+to the process. The boards in the dynamics are in `agent.envs.dynamics`.
 """
 
 import copy
@@ -159,20 +159,22 @@ class EnvBoards(ABC):
     def joint(self, actions: Any) -> np.ndarray:
         """Return (K, N) directions for `step`, of those that a learner gave to K · N robots."""
         boards, robots = self.shape
-        rows = numbers(actions, (boards * robots,), "iu")
-        if rows is None:
+        rows, last = numbers(actions, (boards * robots,), "iu"), DIRECTION_COUNT - 1
+        if rows is not None and rows.min() >= 0 and rows.max() <= last:
+            return rows.reshape(self.shape)
+        given = np.asarray(actions, dtype=object)
+        if given.shape != (boards * robots,):
             raise ConfigError(
                 f"actions = {shorten(actions)} are not directions; choose one whole number from "
-                f"0 to {DIRECTION_COUNT - 1} for each of the {boards * robots} robots"
+                f"0 to {last} for each of the {boards * robots} robots"
             )
-        if rows.min() < 0 or rows.max() >= DIRECTION_COUNT:
-            row = int(np.flatnonzero((rows < 0) | (rows >= DIRECTION_COUNT))[0])
-            where = f" on board {row // robots}" if boards > 1 else ""
-            raise ConfigError(
-                f"action {rows[row]} of robot_{row % robots + 1}{where} is not a direction; choose "
-                f"one from 0 to {DIRECTION_COUNT - 1}"
-            )
-        return rows.reshape(self.shape)
+        whole = [numbers(action, (), "iu") for action in given]
+        row = next(k for k, number in enumerate(whole) if number is None or not 0 <= number <= last)
+        where = f" on board {row // robots}" if boards > 1 else ""
+        raise ConfigError(
+            f"action {shorten(given[row])} of robot_{row % robots + 1}{where} is not a direction; "
+            f"choose a whole number from 0 to {last}"
+        )
 
     @abstractmethod
     def step(self, actions: np.ndarray) -> None:

@@ -18,8 +18,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from agent.envs.dynamics import DynamicsBoards
-from agent.envs.single import SingleEnv
-from agent.envs.vector import RowsVectorEnv
+from agent.envs.views import RowsVectorEnv, SingleEnv
 from cosim.base.arguments import ConfigError, numbers, require_one_of, validate_argument
 from cosim.base.errors import shorten
 from cosim.base.jit import kernel
@@ -312,10 +311,9 @@ class DriveVectorEnv(RowsVectorEnv):
       arrived in its own step, the others then.
     - Truncation: (R,) bool, robots that have not arrived at the limit: `max_episode_steps`, or
       `time_limit` (120 s of simulated time).
-    - Restart, infos, option `reset_mask`: as of `agent.envs.vector.RobotsVectorEnv`.
+    - Restart, infos, option `reset_mask`: as of `agent.envs.navigation.RobotsVectorEnv`.
     - Options of `reset`: `starts`, (K, N, 3), `targets`, (K, N, 2), `mu`, (K,), as of `DriveEnv`.
-
-    Args: `num_envs`; `ends` as above; those of `DriveBoards` but for `count`, and of `View`.
+    - Arguments: `num_envs` and `ends` as above, those of `DriveBoards` and of `View`.
 
     >>> env = DriveVectorEnv(2, "2")
     >>> observations, infos = env.reset(seed=0)
@@ -343,12 +341,11 @@ class DriveEnv(SingleEnv):
       an obstacle.
     - Truncation: after `max_episode_steps` (of the id 1200), or `time_limit` (120 s of simulated
       time).
-    - Infos: as of `agent.envs.single.NavigationEnv`.
+    - Infos: as of `agent.envs.navigation.NavigationEnv`.
     - Options of `reset`: `starts`, [[x, y, heading]] in m and rad, by default anywhere on it;
       `targets`, [[x, y]] in m, by default within `reach` (0.2 m) of the start; `mu`, friction
       coefficient of the floor, for this episode.
-
-    Args: those of `DriveBoards` but for `count`, and of `View`.
+    - Arguments: those of `DriveBoards` but for `count`, and of `View`.
 
     >>> env = DriveEnv(control_interval=0.5)
     >>> start = {"starts": [[0.15, 0.15, 0.0]], "targets": [[0.25, 0.15]]}

@@ -1,126 +1,19 @@
-"""Base of the environments, and their pictures: text, or an array of pixels."""
+"""Pictures of boards: text, or an array of pixels."""
 
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Literal
 
-import gymnasium as gym
 import numpy as np
 
-from cosim.base.arguments import ConfigError, validate_argument
-from cosim.model.outcome import BY_RANK, SUCCESS
 from cosim.model.scenario import Scenario
 
 PIXELS_PER_CELL = 12
 RenderMode = Literal["ansi", "rgb_array"]
-RENDER_MODES = list(get_args(RenderMode))
 # Colour-blind safe colours of robots and their targets (Okabe and Ito), used in turn.
 ROBOT_COLOURS = np.array(
     [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233)],
     dtype=np.uint8,
 )
-_NAMES = np.array(BY_RANK, dtype=object)
 _BOARD, _GRID, _ZONE, _OBSTACLE = 255, 238, 222, 90
-
-
-class Rows(NamedTuple):
-    """Results of a step by robots, those of a board one after the other: R = K · N rows.
-
-    Attributes: as of `agent.envs.boards.Results`, and infos, (R,) arrays by name.
-    """
-
-    observations: np.ndarray
-    rewards: np.ndarray
-    terminated: np.ndarray
-    truncated: np.ndarray
-    infos: dict[str, np.ndarray]
-
-
-class View:
-    """Base of the environments: boards that are stepped, pictured, saved and closed.
-
-    Args:
-        count: boards.
-        scenario, arguments, options: of the boards, see `_boards_of`.
-        render_mode: "ansi", "rgb_array" or None.
-        outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
-
-    Attributes:
-        closed: whether `close` has been called since the last `reset`.
-    """
-
-    metadata: Any = {"render_modes": RENDER_MODES, "render_fps": 10}  # noqa: RUF012
-    closed: bool = False
-    _boards_of: Any  # makes the boards
-
-    def __init__(
-        self,
-        count: int,
-        scenario: str | Scenario,
-        *arguments: Any,
-        render_mode: str | None = None,
-        outcome_names: bool = False,
-        **options: Any,
-    ) -> None:
-        self._outcome_names = validate_argument("outcome_names", outcome_names, bool)
-        self.render_mode = validate_argument("render_mode", render_mode, RenderMode | None)
-        self._boards = self._boards_of(count, scenario, *arguments, **options)
-
-    def _begin(self, options: dict[str, Any] | None, seed: Any) -> Rows:
-        """Begin episodes, see `EnvBoards.reset`."""
-        self._boards.reset(options, seed)
-        self.closed = False
-        return self._rows()
-
-    def _step(self, actions: Any) -> Rows:
-        """Let K · N robots take their actions."""
-        self._require_open()
-        self._boards.step(self._boards.joint(actions))
-        return self._rows()
-
-    def _rows(self) -> Rows:
-        arrays, robots = self._boards.arrays, self._boards.shape[1]
-        ranks = np.repeat(arrays.outcomes, robots)
-        infos = {
-            "outcome": ranks,
-            "is_success": ranks == SUCCESS,
-            "path_length": self._boards.path_length_cm().ravel(),
-            "active": arrays.active.flatten(),
-        }
-        if self._outcome_names:
-            infos["outcome_name"] = _NAMES[ranks]
-        return Rows(
-            arrays.observations.reshape(len(ranks), -1).copy(),
-            arrays.rewards.flatten(),
-            arrays.terminated.flatten(),
-            arrays.truncated.flatten(),
-            infos,
-        )
-
-    def render(self) -> Any:
-        """Return the first board as text ("ansi") or pixels ("rgb_array")."""
-        self._require_open()
-        if self.render_mode is None:
-            gym.logger.warn("render() does nothing without a render_mode")
-            return None
-        return picture(self.render_mode, *self._boards.scenes()[0])
-
-    def close(self, **_: Any) -> None:
-        """Free the simulation; `reset` opens the environment again."""
-        self._boards.close()
-        self.closed = True
-
-    def get_state(self) -> dict[str, Any]:
-        """Return a copy of everything that changes; it can be pickled."""
-        self._require_open()
-        return self._boards.get_state()
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Restore a state from `get_state` of this environment, or of an equal one."""
-        self._require_open()
-        self._boards.set_state(state)
-
-    def _require_open(self) -> None:
-        if self.closed:
-            raise ConfigError("the environment is closed; call reset to use it again")
 
 
 def picture(mode: str, scenario: Scenario, positions_m: np.ndarray) -> str | np.ndarray:

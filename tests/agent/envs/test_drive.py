@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 import agent.envs
 from agent.envs.drive import DriveEnv, DriveVectorEnv
-from agent.envs.vector import RobotsVectorEnv
+from agent.envs.navigation import RobotsVectorEnv
 from agent.moves.worlds import draw_world
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError

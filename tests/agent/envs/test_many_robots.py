@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from agent import envs
-from agent.envs.vector import RobotsVectorEnv
+from agent.envs.navigation import RobotsVectorEnv
 from agent.mdp.config import ProcessConfig
 from benchmarks import __main__ as benchmarks
 from benchmarks import envs as benchmark

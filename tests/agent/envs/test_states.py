@@ -15,7 +15,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from agent import envs
 from agent.envs.drive import DriveEnv, DriveVectorEnv
-from agent.envs.vector import RobotsVectorEnv
+from agent.envs.navigation import RobotsVectorEnv
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
