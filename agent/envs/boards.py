@@ -1,7 +1,7 @@
 """Boards that environments step together: what they have in common, and those of the grid.
 
-The environments, `agent.envs.navigation` and `agent.envs.drive`, are views of boards and add nothing
-to the process. The boards in the dynamics are in `agent.envs.dynamics`.
+Environments (`agent.envs.navigation`, `agent.envs.drive`) are views of boards, and add nothing to
+the process. The boards in the dynamics are in `agent.envs.dynamics`.
 """
 
 import copy
