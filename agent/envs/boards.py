@@ -359,7 +359,7 @@ class Boards(EnvBoards):
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""
         centres_m = (self.grid.worlds[:, :, [X, Y]] + 0.5) * self.scenario.cell_m
-        return [(self.scenario, places) for places in centres_m]
+        return [(self.scenario, positions_m) for positions_m in centres_m]
 
     def action_masks(self) -> np.ndarray:
         """Return which directions lead to a free cell, (K, N, 8) int8; see `free_directions`."""

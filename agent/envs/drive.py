@@ -83,7 +83,7 @@ def _locate(
 class DrivePolicy:
     """A policy of `Drive-v0` as one that drives in any scenario.
 
-    >>> ahead = DrivePolicy(lambda seen: [[1.0, 0.0]] * len(seen))
+    >>> ahead = DrivePolicy(lambda observations: [[1.0, 0.0]] * len(observations))
 
     Args:
         predict: (N, F) float32 observations of `DriveVectorEnv` to (N, 2) actions.
@@ -122,8 +122,7 @@ class DriveBoards(DynamicsBoards):
         count: boards.
         scenario: board and number of robots; starts and targets are drawn anywhere on it.
         action: "velocity" (ahead, and yaw rate) or "motors" (set points of D and E).
-        reward: "dense": 1 per cm of progress, -0.1 per second, 10 on arrival, -10 on failure;
-            "sparse": 1 on arrival, -1 on failure, else 0.
+        reward: "dense" or "sparse", see `DriveEnv`.
         observe: "true" poses, or "estimated" by the filter of the world's camera.
         context: observe friction, motor spread, restitution, slope and payload of the episode.
         control_interval: simulated time of a step in s.
@@ -170,8 +169,8 @@ class DriveBoards(DynamicsBoards):
 
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
         size = 13 + 2 * (self.scenario.robots > 1) + 5 * self._context
-        seen = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
-        return seen, spaces.Box(-1.0, 1.0, (2,), np.float32)
+        observation = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
+        return observation, spaces.Box(-1.0, 1.0, (2,), np.float32)
 
     def _placement(self, starts: Any, targets: Any) -> Any:
         return self._positions("starts", starts, 3), self._positions("targets", targets, 2)
@@ -187,29 +186,29 @@ class DriveBoards(DynamicsBoards):
             )
         return array
 
-    def _free(self, places: np.ndarray, margin_m: float = 0.0) -> bool:
+    def _free(self, positions: np.ndarray, margin_m: float = 0.0) -> bool:
         scenario, diameter_m = self.scenario, self.scenario.diameter_m
-        inside = (places >= margin_m) & (places <= np.array(scenario.size_m) - margin_m)
+        inside = (positions >= margin_m) & (positions <= np.array(scenario.size_m) - margin_m)
         walls = scenario.walls * scenario.cell_m
         touched = touches_obstacle(
-            places[:, 0], places[:, 1], (diameter_m / 2.0 + margin_m) ** 2, walls
+            positions[:, 0], positions[:, 1], (diameter_m / 2.0 + margin_m) ** 2, walls
         )
-        gaps = starmap(math.dist, combinations(places.tolist(), 2))
+        gaps = starmap(math.dist, combinations(positions.tolist(), 2))
         return bool(inside.all() and not np.any(touched)) and all(g > diameter_m for g in gaps)
 
-    def _drawn(self, rng: np.random.Generator, around: np.ndarray | None) -> np.ndarray:
-        """(N, 2) places, uniform on the board, or on what of it is within reach of others."""
+    def _draw_positions(self, rng: np.random.Generator, around: np.ndarray | None) -> np.ndarray:
+        """Return (N, 2) positions, uniform on the board, or on what of it is in reach of others."""
         size_m = np.array(self.scenario.size_m)
         reach_m = min(self._reach_m, math.hypot(*size_m))
         for _ in range(_DRAWS):
             drawn = rng.uniform(0.0, 1.0, (self.shape[1], 2))
             if around is None:
-                places = drawn * size_m
+                positions = drawn * size_m
             else:
                 away, angle = reach_m * np.sqrt(drawn[:, 0]), 2.0 * math.pi * drawn[:, 1]
-                places = around + np.column_stack([away * np.cos(angle), away * np.sin(angle)])
-            if self._free(places, REACHED_M):
-                return places
+                positions = around + np.column_stack([away * np.cos(angle), away * np.sin(angle)])
+            if self._free(positions, REACHED_M):
+                return positions
         raise ConfigError(
             f"scenario {self.scenario.name}: {_DRAWS} draws found no places for its robots within "
             f"reach = {self._reach_m:g} m; choose a larger reach, or give starts and targets"
@@ -219,9 +218,9 @@ class DriveBoards(DynamicsBoards):
         poses, targets_m = placement
         if poses is None:
             headings = rng.uniform(-math.pi, math.pi, self.shape[1])
-            poses = np.column_stack([self._drawn(rng, None), headings])
+            poses = np.column_stack([self._draw_positions(rng, None), headings])
         if targets_m is None:
-            targets_m = self._drawn(rng, poses[:, :2])
+            targets_m = self._draw_positions(rng, poses[:, :2])
         # no robot's target cell is forbidden to the others: its centre is what counts here
         scenario = replace(self.scenario, zone_is_obstacle=False)
         return scenario, poses[:, :2] // scenario.cell_m, (poses, targets_m)
@@ -287,11 +286,11 @@ class DriveBoards(DynamicsBoards):
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""
         self._episodes()  # refuses before the first
-        places = self._rows.poses[:, :2].reshape(*self.shape, 2)
+        positions = self._rows.poses[:, :2].reshape(*self.shape, 2)
         cells = (self._rows.targets_m // self.scenario.cell_m).astype(int).reshape(*self.shape, 2)
         targets = [tuple((x, y) for x, y in board) for board in cells.tolist()]
         scenes = (replace(self.scenario, targets=of_board) for of_board in targets)
-        return list(zip(scenes, places, strict=True))
+        return list(zip(scenes, positions, strict=True))
 
 
 class DriveVectorEnv(RowsVectorEnv):
@@ -311,8 +310,11 @@ class DriveVectorEnv(RowsVectorEnv):
       arrived in its own step, the others then.
     - Truncation: (R,) bool, robots that have not arrived at the limit: `max_episode_steps`, or
       `time_limit` (120 s of simulated time).
-    - Restart, infos, option `reset_mask`: as of `agent.envs.navigation.RobotsVectorEnv`.
-    - Options of `reset`: `starts`, (K, N, 3), `targets`, (K, N, 2), `mu`, (K,), as of `DriveEnv`.
+    - Restart: a board begins again in the step after its end, all its robots (next-step autoreset).
+    - Infos: (R,) arrays: `outcome`, `is_success`, `path_length`, `active` as of `DriveEnv`.
+      Gymnasium's masks `_outcome` and so on are True in every row.
+    - Options of `reset`: `starts`, (K, N, 3), `targets`, (K, N, 2), `mu`, (K,), as of `DriveEnv`;
+      `reset_mask`, (K,) bool, boards to begin again, whose seeds alone are used.
     - Arguments: `num_envs` and `ends` as above, those of `DriveBoards` and of `View`.
 
     >>> env = DriveVectorEnv(2, "2")
@@ -341,7 +343,9 @@ class DriveEnv(SingleEnv):
       an obstacle.
     - Truncation: after `max_episode_steps` (of the id 1200), or `time_limit` (120 s of simulated
       time).
-    - Infos: as of `agent.envs.navigation.NavigationEnv`.
+    - Infos: `outcome`, int, 0 running, 1 timeout, 2 success, 3 collision, 4 out of the board;
+      `is_success`, bool; `path_length`, float, cm since the start; `active`, bool, whether the next
+      action counts; with `outcome_names`, `outcome_name`, str.
     - Options of `reset`: `starts`, [[x, y, heading]] in m and rad, by default anywhere on it;
       `targets`, [[x, y]] in m, by default within `reach` (0.2 m) of the start; `mu`, friction
       coefficient of the floor, for this episode.
@@ -415,7 +419,7 @@ def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -
     poses, velocities, speeds, targets_m = motion[:4]
     steering, sin, cos = motion.config.steering, np.sin(poses[:, 2]), np.cos(poses[:, 2])
     error_m = in_frames(targets_m - poses[:, :2], cos, sin)
-    seen = [
+    parts = [
         error_m / _LENGTH_M,
         sin[:, None],
         cos[:, None],
@@ -426,14 +430,14 @@ def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -
         error_m / np.maximum(np.hypot(*error_m.T), 1e-9)[:, None],
     ]
     if robots > 1:
-        places = poses[:, :2].reshape(-1, robots, 2)
-        apart = places[:, None] - places[:, :, None]
+        positions = poses[:, :2].reshape(-1, robots, 2)
+        apart = positions[:, None] - positions[:, :, None]
         gaps = np.hypot(apart[..., 0], apart[..., 1]) + np.diag([np.inf] * robots)
         nearest = np.take_along_axis(apart, gaps.argmin(axis=2)[..., None, None], axis=2)
-        seen.append(in_frames(nearest.reshape(-1, 2), cos, sin) / _LENGTH_M)
+        parts.append(in_frames(nearest.reshape(-1, 2), cos, sin) / _LENGTH_M)
     if worlds is not None:
-        seen.append(worlds)
-    return np.concatenate(seen, axis=1).clip(-_LIMIT, _LIMIT).astype(np.float32)
+        parts.append(worlds)
+    return np.concatenate(parts, axis=1).clip(-_LIMIT, _LIMIT).astype(np.float32)
 
 
 def _world_of(config: CoSimConfig) -> tuple[float, ...]:

@@ -126,9 +126,9 @@ class RobotsVectorEnv(RowsVectorEnv):
     - Action: MultiDiscrete (R,), directions k · 45° counter-clockwise from +x, 0 to 7. A row
       ignores its action where `active` was False, and in the step that begins a board again. In
       the dynamics a step is an RL step of 2 s, in which robots on their move ignore their actions.
-    - Reward: (R,) float64, Eq. (8) and (11): 100 on arrival, -100 on failure, else -1 per step and
-      more for closing in on a robot within 10 cm; 0 for robots that have ended, and where a board
-      begins again.
+    - Reward: (R,) float64, Eq. (8) and (11): 100 on arrival, -100 on failure, else -1 - b (1 - d)
+      per step, where d is the distance of the nearest other robot in 10 cm, at most 1, and b 1.5 if
+      it becomes less, else 1; 0 for robots that have ended, and where a board begins again.
     - Termination: (R,) bool, by `ends="together"` the rows of a board at its end: all its robots
       have arrived, or one left the board or touched something; by `ends="own"` each robot that
       arrived or failed, in its own step. Each row ends once per episode.
@@ -183,8 +183,9 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
     - Action: Discrete(8), direction k · 45° counter-clockwise from +x, of every agent of `agents`.
       In the dynamics a step lasts until any robot waits for its next action (`decision="arrival"`),
       or an RL step of 2 s (`decision="period"`); robots on their move ignore their action.
-    - Reward, float, Eq. (8) and (11): 100 on arrival, -100 on failure, else -1 per move, in the
-      dynamics per RL step that passed, and more for closing in on a robot within 10 cm.
+    - Reward, float, Eq. (8) and (11): 100 on arrival, -100 on failure, else -1 - b (1 - d) per
+      move, in the dynamics per RL step that passed, where d is the distance of the nearest other
+      robot in 10 cm, at most 1, and b 1.5 if it becomes less, else 1. `process` can give others.
     - Termination: the robot arrived, and stays where it is; or it left the board or touched
       something, which ends the episode of all.
     - Truncation: robots still on their move when another one failed, so that their next state has a
