@@ -5,10 +5,8 @@ import math
 import pickle
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 import agent.envs
 from agent.envs.drive import DriveEnv, DriveVectorEnv
@@ -26,31 +24,6 @@ AHEAD = np.array([1.0, 0.0])
 def driven_rows(count, **options):
     """Rows of `CoSim-v0`."""
     return RobotsVectorEnv(count, "1a", cosim=True, **options)
-
-
-def test_rows_have_the_bits_of_the_single_environment_and_of_a_restored_one():
-    env = gym.make("MiniRobots/Drive-v0").unwrapped
-    check_env(env, skip_render_check=True)
-    many = gym.make_vec("MiniRobots/Drive-v0", num_envs=2).unwrapped
-    assert isinstance(env, DriveEnv)
-    assert isinstance(many, DriveVectorEnv)
-    one, both = env.reset(seed=4)[0], many.reset(seed=4)[0]
-    assert one in env.observation_space
-    assert np.array_equal(one, both[0])
-    saved = many.get_state()
-    random = np.random.default_rng(0)
-    actions = random.uniform(-1.0, 1.0, (5, 2, 2))
-    rows = [many.step(action) for action in actions]
-    for action, row in zip(actions, rows, strict=True):
-        observation, reward, *_ = env.step(action[0])
-        assert np.array_equal(observation, row[0][0])
-        assert reward == row[1][0]
-    many.set_state(saved)
-    again = [many.step(action) for action in actions]
-    assert all(np.array_equal(a[0], b[0]) for a, b in zip(rows, again, strict=True))
-    assert not np.array_equal(rows[0][0], rows[-1][0])
-    env.close()
-    many.close()
 
 
 def test_robots_drive_as_commanded_and_rewards_are_of_progress():

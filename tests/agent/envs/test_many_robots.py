@@ -21,34 +21,6 @@ FOUR = Scenario("four", "", ((5, 5), (24, 5), (5, 24), (24, 24)), FOUR_STARTS)
 BOARDS = 5
 
 
-class Singles:
-    """K parallel environments, one after the other: rows of arrays as many boards give them."""
-
-    def __init__(self, scenario, config, seed, starts):
-        self.envs = [envs.parallel_env(scenario, config) for _ in range(BOARDS)]
-        for m, env in enumerate(self.envs):
-            env.reset(seed=seed + m)
-        if starts is not None:
-            for env, cells in zip(self.envs, starts, strict=True):
-                env.reset(options={"starts": cells})
-
-    def step(self, actions):
-        """Observation, reward, ends and info of every robot that takes part; else None."""
-        rows = []
-        for env, joint in zip(self.envs, actions, strict=True):
-            begins = not env.agents
-            live = list(env.agents) or env.possible_agents
-            if begins:
-                seen, infos = env.reset()
-                results = (seen, dict.fromkeys(live, 0.0), *[dict.fromkeys(live, False)] * 2, infos)
-            else:
-                results = env.step(dict(zip(env.possible_agents, joint, strict=True)))
-            for agent in env.possible_agents:
-                row = tuple(part[agent] for part in results) if agent in live else None
-                rows.append((row, agent in env.agents))
-        return rows
-
-
 # Next to the targets on some boards, so that robots wait for others; drawn for the rest.
 NEAR = [[15, 20], [3, 3]]
 NEAR_FOUR = [[5, 7], [24, 7], [9, 24], [20, 20]]
@@ -63,30 +35,43 @@ def test_boards_are_single_environments_bit_for_bit(scenario, near, slip):
     config = ProcessConfig(slip_probability=slip, step_limit=25, features=("x", "y", "d", "g", "b"))
     starts = near and [near] * BOARDS
     rows = RobotsVectorEnv(BOARDS, scenario, config, ends="own")
-    singles = Singles(scenario, config, 3, starts)
     robots = rows.scenario.robots
     rows.reset(seed=3)
     if starts is not None:
         rows.reset(options={"starts": np.array(starts)})
-    random = np.random.default_rng(0)
+    # towards the targets that are near, and then at random
+    joints = np.random.default_rng(0).integers(8, size=(150, BOARDS, robots))
+    joints[:2] = 6
+    steps = [rows.step(joint.ravel()) for joint in joints]
     ends = set()
-    for step in range(150):
-        # towards the targets that are near, and then at random
-        joint = np.full((BOARDS, robots), 6) if step < 2 else random.integers(8, size=(5, robots))
-        by_row = rows.step(joint.ravel())
-        for k, (single, active) in enumerate(singles.step(joint)):
-            seen, reward, terminated, truncated, _ = by_row
-            infos = {key: values[k] for key, values in by_row[4].items() if key[0] != "_"}
-            ours = (seen[k].tolist(), reward[k], terminated[k], truncated[k])
-            assert infos["active"] == active
-            if single is None:
-                assert ours[1:] == (0.0, False, False)
-                ends.add("waits")
-                continue
-            assert ours == (single[0].tolist(), *single[1:4])
-            known = {k: v for k, v in single[4].items() if k != "action_mask"}
-            assert infos == known | {"active": active}
-            ends.add(infos["outcome"])
+    for board in range(BOARDS):
+        env = envs.parallel_env(scenario, config)
+        env.reset(seed=3 + board)
+        if starts is not None:
+            env.reset(options={"starts": near})
+        for joint, (*arrays, infos) in zip(joints[:, board], steps, strict=True):
+            if live := list(env.agents):
+                results = env.step(dict(zip(env.possible_agents, joint, strict=True)))
+            else:
+                live = env.possible_agents
+                observations, begun = env.reset()
+                still = dict.fromkeys(live, 0.0)
+                results = observations, still, still, still, begun
+            for k, agent in enumerate(env.possible_agents, board * robots):
+                observation, *ours = (array[k].tolist() for array in arrays)
+                active = infos["active"][k]
+                assert active == (agent in env.agents)
+                if agent not in live:
+                    assert ours == [0.0, False, False]
+                    ends.add("waits")
+                    continue
+                single = {
+                    name: values[agent] for name, values in zip("orstu", results, strict=True)
+                }
+                assert [observation, *ours] == [single["o"].tolist(), *(single[n] for n in "rst")]
+                theirs = {name: v for name, v in single["u"].items() if name != "action_mask"}
+                assert theirs | {"active": active} == {name: infos[name][k] for name in theirs}
+                ends.add(theirs["outcome"])
     assert ends >= {RUNNING, OUT_OF_BOARD, TIMEOUT} | ({"waits"} if starts else set())
 
 
@@ -96,16 +81,14 @@ def test_rows_are_robots_as_gymnasium_expects_them():
     assert env.num_envs == 6
     assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
     assert env.single_observation_space == gym.spaces.MultiDiscrete([30, 30, 3, 3])
+    env = gym.wrappers.vector.RecordEpisodeStatistics(env)
     first, infos = env.reset(seed=0)
     assert first in env.observation_space
     assert infos["active"].all()
-    assert not np.array_equal(first, env.step(np.zeros(6, dtype=int))[0])  # a copy
-    wrapped = gym.wrappers.vector.RecordEpisodeStatistics(env)
-    wrapped.reset(seed=0)
-    returns = np.zeros(6)
-    wrapped.action_space.seed(0)
+    before, returns = first.copy(), np.zeros(6)
+    env.action_space.seed(0)
     for _ in range(200):
-        rows, rewards, terminated, truncated, infos = wrapped.step(wrapped.action_space.sample())
+        rows, rewards, terminated, truncated, infos = env.step(env.action_space.sample())
         assert rows in env.observation_space
         returns += rewards
         ended = terminated | truncated
@@ -114,6 +97,7 @@ def test_rows_are_robots_as_gymnasium_expects_them():
             break
     else:
         raise AssertionError("no episode ended")
+    assert np.array_equal(first, before)  # a copy
 
 
 @pytest.mark.parametrize("ends", ["own", "together"])
