@@ -65,11 +65,9 @@ def test_boards_are_single_environments_bit_for_bit(scenario, near, slip):
                     assert ours == [0.0, False, False]
                     ends.add("waits")
                     continue
-                single = {
-                    name: values[agent] for name, values in zip("orstu", results, strict=True)
-                }
-                assert [observation, *ours] == [single["o"].tolist(), *(single[n] for n in "rst")]
-                theirs = {name: v for name, v in single["u"].items() if name != "action_mask"}
+                own, *single, info = (values[agent] for values in results)
+                assert [observation, *ours] == [own.tolist(), *single]
+                theirs = {name: value for name, value in info.items() if name != "action_mask"}
                 assert theirs | {"active": active} == {name: infos[name][k] for name in theirs}
                 ends.add(theirs["outcome"])
     assert ends >= {RUNNING, OUT_OF_BOARD, TIMEOUT} | ({"waits"} if starts else set())
