@@ -145,7 +145,7 @@ class EnvBoards(ABC):
         self._begin(begins)
 
     def _begun(self) -> np.ndarray:
-        """(K,) bool, boards that have begun an episode, or need none."""
+        """Return which boards have begun an episode or need none, (K,) bool."""
         return np.ones(self.shape[0], dtype=bool)
 
     @abstractmethod
@@ -186,7 +186,7 @@ class EnvBoards(ABC):
 
     @abstractmethod
     def path_length_cm(self) -> np.ndarray:
-        """(K, N) float64."""
+        """Return path lengths since the start, (K, N) float64."""
 
     @abstractmethod
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
@@ -337,16 +337,16 @@ class Boards(EnvBoards):
         self.grid.random[m] = seeded_state(seed)
 
     def _checked(self, starts: Any = None) -> np.ndarray | None:
-        """World of robots on their (N, 2) start cells; None to draw them."""
+        """Return the world of robots on their (N, 2) start cells; None to draw them."""
         return None if starts is None else placed_world(self.process, starts)
 
     def _begin(self, given: dict[int, np.ndarray | None]) -> None:
         for m, world in given.items():
             if world is not None:
                 self.grid.worlds[m] = world
-        which, draws = np.array([*given], dtype=np.int64), [w is None for w in given.values()]
-        begun = which, np.array(draws, dtype=bool)
-        _begin_some(self.process, self._features, self.grid, self.arrays, *begun)
+        which = np.array([*given], dtype=np.int64)
+        draws = np.array([world is None for world in given.values()], dtype=bool)
+        _begin_some(self.process, self._features, self.grid, self.arrays, which, draws)
 
     def step(self, actions: np.ndarray) -> None:
         """See `EnvBoards.step`."""
@@ -376,7 +376,7 @@ def direction_spaces(
 
 
 def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
-    """One seed of each board; one for all counts up, None leaves them as they are."""
+    """Return a seed for each board; one for all counts up, None leaves boards as they are."""
     seeds = validate_argument("seed", seed, _Seed | list[_Seed | None] | None)
     if not isinstance(seeds, list):
         seeds = [seeds if seeds is None else seeds + m for m in range(count)]
@@ -386,7 +386,7 @@ def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int
 
 
 def observed_columns(scenario: Scenario, config: ProcessConfig) -> list[tuple[int, int, int]]:
-    """Of each feature its column of a world, what is added to count from 0, the largest value."""
+    """Return a feature's column of a world, what to add to count from 0, and its largest value."""
     return [
         (FEATURE_COLUMNS[name], 1 if name == "g" else 0, size - 1)
         for name, size in feature_sizes(scenario, config).items()
@@ -422,13 +422,13 @@ def placed_world(process: Process, starts: Any) -> np.ndarray:
 
 
 def whole_cells(name: str, cells: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Start or target cells that a user gave, int64 of a shape; raises ConfigError."""
-    found = numbers(cells, shape, "iu")
-    if found is None:
+    """Return start or target cells that a user gave, int64 of a shape; raises ConfigError."""
+    array = numbers(cells, shape, "iu")
+    if array is None:
         raise ConfigError(
             f"{name} = {shorten(cells)} are not cells; give whole numbers [x, y] of shape {shape}"
         )
-    return found
+    return array
 
 
 def checked_options(options: dict[str, Any] | None, *names: str) -> dict[str, Any]:

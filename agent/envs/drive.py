@@ -365,7 +365,7 @@ class DriveEnv(SingleEnv):
 
 
 def checked_actions(actions: Any, rows: int) -> np.ndarray:
-    """(rows, 2) float64 from -1 to 1 of what a learner returned, cut where it is beyond."""
+    """Return (rows, 2) float64 from -1 to 1 of what a learner gave, cut where it is beyond."""
     if (wanted := numbers(actions, (rows, 2))) is None:
         raise ConfigError(
             f"actions = {shorten(actions)}: give two finite numbers from -1 to 1 to each of the "
@@ -377,7 +377,7 @@ def checked_actions(actions: Any, rows: int) -> np.ndarray:
 def set_points(
     actions: np.ndarray, config: CoSimConfig, dither: np.ndarray, *, velocity: bool
 ) -> np.ndarray:
-    """(N, 2) speeds of motors D and E in rad/s.
+    """Return the speeds of motors D and E in rad/s, (N, 2).
 
     The calibrated speeds realise an action of 1. The dither alternates once per interval, like
     that of `cosim.onboard.steering`.
@@ -409,7 +409,7 @@ def set_points(
 
 
 def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -> np.ndarray:
-    """(R, F) float32, observations of `DriveVectorEnv`.
+    """Return observations of `DriveVectorEnv`, (R, F) float32.
 
     Args:
         motion: of the R robots of some boards, which have the same size and one calibration.

@@ -10,6 +10,7 @@ seeds, boards with several those of as many `NavigationParallelEnv`.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import compress
 from typing import Any
 
 import gymnasium as gym
@@ -265,8 +266,7 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
         if not self.agents:
             gym.logger.warn("step() does nothing after the end of an episode")
             return {}, {}, {}, {}, {}
-        rows = self._step(self._checked(actions))
-        observations, *flat, _ = rows
+        observations, *flat, _ = rows = self._step(self._checked(actions))
         rewards, terminated, truncated = (self._by_agent(values.tolist()) for values in flat)
         results = self._by_agent(observations), rewards, terminated, truncated, self._infos(rows)
         self.agents = self._remaining()
@@ -284,10 +284,7 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
         return [actions[agent] if agent in self.agents else 0 for agent in self.possible_agents]
 
     def _remaining(self) -> list[str]:
-        remaining = self._boards.remaining()[0]
-        return [
-            agent for agent, stays in zip(self.possible_agents, remaining, strict=True) if stays
-        ]
+        return [*compress(self.possible_agents, self._boards.remaining()[0])]
 
     def _by_agent(self, rows: Iterable[Any]) -> dict[str, Any]:
         """Return what each agent that has not ended has of N rows."""
