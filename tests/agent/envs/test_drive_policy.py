@@ -11,7 +11,7 @@ from agent.envs.drive import DriveEnv, DrivePolicy
 from agent.study.policies import ObjectPolicy
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
-from cosim.model.scenario_file import find_in_world
+from cosim.model.scenario_file import find_in_world, find_scenario
 from cosim.simulation.driving import DriveObservation, drives
 
 
@@ -64,7 +64,7 @@ def test_its_observations_and_set_points_are_those_of_the_environment():
     policy = DrivePolicy(predict, control_interval=0.5)
     mr.simulate("1a", policy, time_limit=5, progress=None)
     x, y = 0.3 * rows[0][4:6]
-    (target,) = mr.scenario("1a").targets
+    (target,) = find_scenario("1a").targets
     place = {"starts": [[x, y, math.atan2(*rows[0][2:4])]]}
     place["targets"] = [[0.01 * (cell + 0.5) for cell in target]]
     env = DriveEnv(control_interval=0.5)

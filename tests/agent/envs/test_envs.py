@@ -454,7 +454,7 @@ def test_a_wall_ends_an_episode_as_a_collision(cosim):
 @pytest.mark.parametrize("cosim", [False, True])
 def test_a_bystander_of_a_collision_is_truncated_without_penalty(cosim):
     env = envs.parallel_env(ROW, cosim=cosim)
-    assert env.reset(seed=0)[0]["robot_1"].tolist() == [5, 5, 2, 1]
+    assert env.reset(seed=0)[0]["robot_1"].tolist() == [5, 5, 0, 1]
     rewards, terminations, truncations, infos = {}, {}, {}, {}
     while env.agents:
         _, rewards, terminations, truncations, infos = env.step(
