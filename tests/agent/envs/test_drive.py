@@ -1,4 +1,4 @@
-"""The control-level environment: bits, bounds, rewards, and a controller that plans with it."""
+"""The control-level environment: motions, rewards, ends, drawn worlds, and what is refused."""
 
 import copy
 import math

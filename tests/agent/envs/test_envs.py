@@ -378,16 +378,6 @@ def test_action_of_a_robot_that_has_arrived_is_ignored():
     assert env.state()[:2].tolist() == [15, 18]
 
 
-def test_step_limit_truncates():
-    env = gym.make("MiniRobots/SingleA-v0", process=ProcessConfig(step_limit=2))
-    env.reset(options={"starts": [[5, 5]]})
-    assert env.step(0)[2:4] == (False, False)
-    _, _, terminated, truncated, info = env.step(0)
-    assert (terminated, truncated) == (False, True)
-    ended = {"outcome": TIMEOUT, "is_success": False, "active": False}
-    assert info == {**ended, "path_length": pytest.approx(2.0)}
-
-
 def test_pictures_have_robots_targets_zone_and_obstacles():
     doorway, scale = find_scenario("5-doorway"), 12
     env = envs.parallel_env("2", render_mode="ansi")

@@ -1,6 +1,7 @@
 """Many boards with several robots: the process of single environments, by rows."""
 
 import json
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -51,7 +52,7 @@ def test_boards_are_single_environments_bit_for_bit(scenario, near, slip):
             env.reset(options={"starts": near})
         for joint, (*arrays, infos) in zip(joints[:, board], steps, strict=True):
             if live := list(env.agents):
-                results = env.step(dict(zip(env.possible_agents, joint, strict=True)))
+                results: Any = env.step(dict(zip(env.possible_agents, joint, strict=True)))
             else:
                 live = env.possible_agents
                 observations, begun = env.reset()

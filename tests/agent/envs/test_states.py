@@ -237,12 +237,18 @@ def test_a_shield_is_for_the_world_that_it_was_measured_in():
 
 
 @both
-def test_time_limits_are_those_of_gymnasium(make):
-    env = make("MiniRobots/SingleA-v0", max_episode_steps=3)
+@pytest.mark.parametrize(
+    "limit", [{"max_episode_steps": 3}, {"process": ProcessConfig(step_limit=3)}]
+)
+def test_limits_of_steps_truncate(make, limit):
+    env = make("MiniRobots/SingleA-v0", **limit)
     many = isinstance(env, gym.vector.VectorEnv)
     env.reset(options={"starts": [[[9, 9]]] if many else [[9, 9]]})
-    cut = [env.step(np.array([0]) if many else 0)[3] for _ in range(3)]
-    assert [bool(one) for one in cut] == [False, False, True]
+    steps = [env.step(np.array([0]) if many else 0) for _ in range(3)]
+    assert [(bool(row[2]), bool(row[3])) for row in steps] == [(False, False)] * 2 + [(False, True)]
+    ended = {"outcome": TIMEOUT, "is_success": False, "active": False, "path_length": 3.0}
+    if "process" in limit:  # a single environment has Gymnasium's own limit else
+        assert {name: np.ravel(steps[-1][4][name])[0] for name in ended} == pytest.approx(ended)
     assert gym.spec("MiniRobots/CoSim-v0").max_episode_steps == 300
 
 
