@@ -14,7 +14,7 @@ import gymnasium as gym
 import numpy as np
 
 import agent.envs
-from agent.envs.parallel import NavigationParallelEnv
+from agent.envs.navigation import NavigationParallelEnv
 from cosim.base.command import Checked, Count
 from cosim.model.outcome import RUNNING
 from cosim.onboard.features import DIRECTION_COUNT

@@ -13,8 +13,7 @@ interpretation.
 
 import gymnasium
 
-from agent.envs.parallel import NavigationParallelEnv
-from agent.envs.single import NavigationEnv
+from agent.envs.navigation import NavigationEnv, NavigationParallelEnv
 from agent.moves.worlds import RANGES as ROBUST_WORLDS
 from agent.moves.worlds import WorldRange
 
@@ -32,7 +31,7 @@ for _name, _scenario, _steps in (
     gymnasium.register(
         f"MiniRobots/{_name}-v0",
         entry_point="agent.envs:NavigationEnv",
-        vector_entry_point="agent.envs.vector:RobotsVectorEnv",
+        vector_entry_point="agent.envs.navigation:RobotsVectorEnv",
         kwargs={"scenario": _scenario} | ({"cosim": True} if _name.startswith("CoSim") else {}),
         max_episode_steps=_steps,
     )

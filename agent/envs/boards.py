@@ -1,13 +1,12 @@
 """Boards that environments step together: what they have in common, and those of the grid.
 
-The views of boards are `agent.envs.single`, `vector` and `parallel`; none adds anything to the
-process. The boards in the dynamics are in `agent.envs.dynamics`.
+Environments (`agent.envs.navigation`, `agent.envs.drive`) are views of boards, and add nothing to
+the process. The boards in the dynamics are in `agent.envs.dynamics`.
 """
 
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import msgspec
@@ -38,53 +37,13 @@ from agent.mdp.rng import seeded_state
 from cosim.base.arguments import ConfigError, numbers, validate_argument
 from cosim.base.errors import shorten
 from cosim.base.jit import inlined, kernel
-from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT
+from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
 
 Count = Annotated[int, msgspec.Meta(ge=1)]
 _Seed = Annotated[int, msgspec.Meta(ge=0)]
 FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS, "p": PARTNER}
-_NAMES = np.array(BY_RANK, dtype=object)
-
-
-class Restorable:
-    """An object that saves and restores its state; the same bits follow.
-
-    Attributes:
-        closed: whether `close` has been called since the last `reset`.
-    """
-
-    closed: bool = False
-    _mutable: ClassVar[tuple[str, ...]]  # names of the attributes that change
-
-    def get_state(self) -> dict[str, Any]:
-        """Return a copy of everything that changes; it can be pickled."""
-        self._require_open()
-        mine = {name: getattr(self, name) for name in self._mutable}
-        return {
-            name: part.get_state() if hasattr(part, "get_state") else copy.deepcopy(part)
-            for name, part in mine.items()
-        }
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Restore a state of this object, or of one that was made with the same arguments."""
-        self._require_open()
-        if not isinstance(state, dict) or set(state) != set(self._mutable):
-            raise ConfigError(
-                f"{shorten(state)} is not a state of this kind of environment; give the result "
-                "of get_state() of one that was made with the same arguments"
-            )
-        for name, saved in state.items():
-            mine = getattr(self, name)
-            if hasattr(mine, "set_state"):
-                mine.set_state(saved)
-            else:
-                setattr(self, name, copy.deepcopy(saved))
-
-    def _require_open(self) -> None:
-        if self.closed:
-            raise ConfigError("the environment is closed; call reset to use it again")
 
 
 class Results(NamedTuple):
@@ -108,7 +67,7 @@ class Results(NamedTuple):
     active: np.ndarray
 
 
-class EnvBoards(Restorable, ABC):
+class EnvBoards(ABC):
     """K boards of N robots each, as the environments step them.
 
     A robot that has ended before the others of its board stays there, inactive: its actions are
@@ -118,13 +77,13 @@ class EnvBoards(Restorable, ABC):
     Attributes:
         scenario: board, targets and start cells.
         shape: (K, N).
-        arrays: what the last step gave.
-        made: shape, scenario and options without which a state means something else.
+        arrays: results of the last step.
         observation_space, action_space: of one robot.
         reset_options: names of what `reset` takes of each board.
     """
 
     reset_options: ClassVar[tuple[str, ...]] = ("starts",)
+    _mutable: ClassVar[tuple[str, ...]]  # names of the attributes that change
 
     def __init__(
         self,
@@ -132,25 +91,28 @@ class EnvBoards(Restorable, ABC):
         scenario: Scenario,
         observation_space: spaces.Space,
         action_space: spaces.Space,
-        *made: Any,
+        *options: Any,
     ) -> None:
         self.scenario = scenario
         self.shape = rows = (validate_argument("num_envs", count, Count), scenario.robots)
         self.observation_space, self.action_space = observation_space, action_space
-        self.made = rows, scenario, observation_space, *made
+        # without which a state means something else
+        self._identity = rows, scenario, observation_space, *options
         flags = [np.zeros(rows, dtype=bool) for _ in range(3)]
-        seen = np.zeros((*rows, *(observation_space.shape or ())), dtype=observation_space.dtype)
+        size, kind = observation_space.shape or (), observation_space.dtype
         # none is running yet
-        self.arrays: Results = Results(np.full(count, TIMEOUT), seen, np.zeros(rows), *flags)
+        self.arrays: Results = Results(
+            np.full(count, TIMEOUT), np.zeros((*rows, *size), dtype=kind), np.zeros(rows), *flags
+        )
 
-    def seed(self, seeds: Sequence[Any]) -> None:
-        """Seed the K boards; None does not change a board."""
-        for m, seed in enumerate(seeds):
-            if seed is not None:
-                self._seed(m, seed)
+    def seed(self, seed: int | Sequence[int | None] | None) -> None:
+        """Seed the boards, see `board_seeds`."""
+        for m, own in enumerate(board_seeds(seed, self.shape[0])):
+            if own is not None:
+                self._seed(m, own)
 
     @abstractmethod
-    def _seed(self, m: int, seed: Any) -> None:
+    def _seed(self, m: int, seed: int) -> None:
         """Seed what board m draws."""
 
     def reset(
@@ -163,8 +125,9 @@ class EnvBoards(Restorable, ABC):
                 taken; "reset_mask", (K,) bool, boards to begin again, all without.
             seed: of the boards that begin again, see `board_seeds`.
         """
-        count, known = self.shape[0], known_options(options, *self.reset_options, "reset_mask")
-        given = {name: values for name, values in known.items() if values is not None}
+        count = self.shape[0]
+        checked = checked_options(options, *self.reset_options, "reset_mask")
+        given = {name: values for name, values in checked.items() if values is not None}
         for name, values in given.items():
             sized = isinstance(values, list | tuple) or getattr(values, "ndim", 0)
             if not sized or len(values) != count:
@@ -177,12 +140,12 @@ class EnvBoards(Restorable, ABC):
         seeds = board_seeds(seed, count)
         which = np.flatnonzero(mask).tolist()
         rows = {m: {k: v[m] for k, v in given.items() if v[m] is not None} for m in which}
-        checked = {m: self._checked(**row) for m, row in rows.items()}
-        self.seed([seed if begins else None for seed, begins in zip(seeds, mask, strict=True)])
-        self._begin(checked)
+        begins = {m: self._checked(**row) for m, row in rows.items()}
+        self.seed([own if m in begins else None for m, own in enumerate(seeds)])
+        self._begin(begins)
 
     def _begun(self) -> np.ndarray:
-        """(K,) bool, boards that have begun an episode, or need none."""
+        """Return which boards have begun an episode or need none, (K,) bool."""
         return np.ones(self.shape[0], dtype=bool)
 
     @abstractmethod
@@ -193,81 +156,73 @@ class EnvBoards(Restorable, ABC):
     def _begin(self, given: dict[int, Any]) -> None:
         """Begin episodes on some boards."""
 
-    @abstractmethod
     def joint(self, actions: Any) -> np.ndarray:
-        """Return (K, N, ...) actions for `step`, of those that a learner gave to K · N robots."""
+        """Return (K, N) directions for `step`, of those that a learner gave to K · N robots."""
+        boards, robots = self.shape
+        rows, last = numbers(actions, (boards * robots,), "iu"), DIRECTION_COUNT - 1
+        if rows is not None and rows.min() >= 0 and rows.max() <= last:
+            return rows.reshape(self.shape)
+        given = np.asarray(actions, dtype=object)
+        if given.shape != (boards * robots,):
+            raise ConfigError(
+                f"actions = {shorten(actions)} are not directions; choose one whole number from "
+                f"0 to {last} for each of the {boards * robots} robots"
+            )
+        whole = [numbers(action, (), "iu") for action in given]
+        row = next(k for k, number in enumerate(whole) if number is None or not 0 <= number <= last)
+        where = f" on board {row // robots}" if boards > 1 else ""
+        raise ConfigError(
+            f"action {shorten(given[row])} of robot_{row % robots + 1}{where} is not a direction; "
+            f"choose a whole number from 0 to {last}"
+        )
 
     @abstractmethod
     def step(self, actions: np.ndarray) -> None:
         """Let every active robot take its action, of shape (K, N, ...)."""
 
+    def remaining(self) -> np.ndarray:
+        """Return which robots have not ended their episode, (K, N) bool."""
+        return self.arrays.active
+
     @abstractmethod
     def path_length_cm(self) -> np.ndarray:
-        """(K, N) float64."""
-
-    def infos(self, *, names: bool) -> dict[str, np.ndarray]:
-        """Return the infos of all robots, in addition to their observations, (K, N) each.
-
-        Args:
-            names: whether `outcome_name` is there, the text of the code `outcome`.
-        """
-        ranks = np.repeat(self.arrays.outcomes[:, None], self.shape[1], axis=1)
-        infos = {
-            "outcome": ranks,
-            "is_success": ranks == SUCCESS,
-            "path_length": self.path_length_cm(),
-            "active": self.arrays.active.copy(),
-        }
-        return infos | {"outcome_name": _NAMES[ranks]} if names else infos
+        """Return path lengths since the start, (K, N) float64."""
 
     @abstractmethod
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """Return of each board what a picture shows: its scenario and (N, 2) positions in m."""
 
     def close(self) -> None:
-        """Free what simulates."""
+        """End all episodes, and free what simulates."""
+        self.arrays.outcomes[:] = TIMEOUT
 
     def get_state(self) -> dict[str, Any]:
-        """See `Restorable.get_state`."""
-        return super().get_state() | {"made": self.made}
+        """Return a copy of everything that changes; it can be pickled."""
+        mine = {name: getattr(self, name) for name in self._mutable}
+        return {"identity": self._identity} | {
+            name: value.get_state() if hasattr(value, "get_state") else copy.deepcopy(value)
+            for name, value in mine.items()
+        }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """See `Restorable.set_state`; also refuses states of boards that were made differently."""
-        if isinstance(state, dict) and (made := state.get("made")) is not None:
-            if made != self.made:
-                raise ConfigError(
-                    f"a state of {made[0][0]} boards of {made[0][1]} robots does not fit "
-                    f"{self.shape[0]} of {self.shape[1]} with this scenario and these options; "
-                    "restore it where the same arguments were given"
-                )
-            state = {name: part for name, part in state.items() if name != "made"}
-        super().set_state(state)
-
-
-class DirectionBoards(EnvBoards):
-    """Boards with robots that choose directions."""
-
-    def joint(self, actions: Any) -> np.ndarray:
-        """See `EnvBoards.joint`; (K, N) int64."""
-        boards, robots = self.shape
-        rows = numbers(actions, (boards * robots,), "iu")
-        if rows is None:
+        """Restore a state of these boards, or of some that were made with the same arguments."""
+        if not isinstance(state, dict) or set(state) != {"identity", *self._mutable}:
             raise ConfigError(
-                f"actions = {shorten(actions)} are not directions; choose one whole number from "
-                f"0 to {DIRECTION_COUNT - 1} for each of the {boards * robots} robots"
+                f"{shorten(state)} is not a state of this kind of environment; give the result "
+                "of get_state() of one that was made with the same arguments"
             )
-        if rows.min() < 0 or rows.max() >= DIRECTION_COUNT:
-            row = int(np.flatnonzero((rows < 0) | (rows >= DIRECTION_COUNT))[0])
-            where = f" on board {row // robots}" if boards > 1 else ""
+        if (its := state["identity"]) != self._identity:
             raise ConfigError(
-                f"action {rows[row]} of robot_{row % robots + 1}{where} is not a direction; choose "
-                f"one from 0 to {DIRECTION_COUNT - 1}"
+                f"a state of {its[0][0]} boards of {its[0][1]} robots does not fit "
+                f"{self.shape[0]} of {self.shape[1]} with this scenario and these options; "
+                "restore it where the same arguments were given"
             )
-        return rows.reshape(self.shape)
-
-    @abstractmethod
-    def action_masks(self) -> np.ndarray:
-        """(K, N, 8) int8, which directions lead to a free cell, see `free_directions`."""
+        for name in self._mutable:
+            mine, saved = getattr(self, name), state[name]
+            if hasattr(mine, "set_state"):
+                mine.set_state(saved)
+            else:
+                setattr(self, name, copy.deepcopy(saved))
 
 
 class GridState(NamedTuple):
@@ -360,7 +315,7 @@ def _step(
         _observe(features, grid, results, m)
 
 
-class Boards(DirectionBoards):
+class Boards(EnvBoards):
     """K boards of a scenario on the grid; `arrays` is overwritten by every step."""
 
     _mutable = ("grid", "arrays")
@@ -370,6 +325,7 @@ class Boards(DirectionBoards):
         self.process = build_process(scenario, config)
         super().__init__(count, scenario, *direction_spaces(scenario, config), config)
         self._features = np.array(observed_columns(scenario, config))
+        self._free = free_directions(self.process)
         self.grid: GridState = GridState(
             worlds=np.zeros((*self.shape, COLUMN_COUNT), dtype=np.int64),
             random=np.zeros((count, 1), dtype=np.uint64),
@@ -377,20 +333,20 @@ class Boards(DirectionBoards):
             path_cells=np.zeros(self.shape),
         )
 
-    def _seed(self, m: int, seed: int | np.random.SeedSequence) -> None:
+    def _seed(self, m: int, seed: int) -> None:
         self.grid.random[m] = seeded_state(seed)
 
     def _checked(self, starts: Any = None) -> np.ndarray | None:
-        """World of robots on their (N, 2) start cells; None to draw them."""
+        """Return the world of robots on their (N, 2) start cells; None to draw them."""
         return None if starts is None else placed_world(self.process, starts)
 
     def _begin(self, given: dict[int, np.ndarray | None]) -> None:
         for m, world in given.items():
             if world is not None:
                 self.grid.worlds[m] = world
-        which, draws = np.array([*given], dtype=np.int64), [w is None for w in given.values()]
-        begun = which, np.array(draws, dtype=bool)
-        _begin_some(self.process, self._features, self.grid, self.arrays, *begun)
+        which = np.array([*given], dtype=np.int64)
+        draws = np.array([world is None for world in given.values()], dtype=bool)
+        _begin_some(self.process, self._features, self.grid, self.arrays, which, draws)
 
     def step(self, actions: np.ndarray) -> None:
         """See `EnvBoards.step`."""
@@ -403,16 +359,12 @@ class Boards(DirectionBoards):
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""
         centres_m = (self.grid.worlds[:, :, [X, Y]] + 0.5) * self.scenario.cell_m
-        return [(self.scenario, places) for places in centres_m]
+        return [(self.scenario, positions_m) for positions_m in centres_m]
 
     def action_masks(self) -> np.ndarray:
-        """See `DirectionBoards.action_masks`."""
+        """Return which directions lead to a free cell, (K, N, 8) int8; see `free_directions`."""
         x, y = self.grid.worlds[..., X], self.grid.worlds[..., Y]
         return self._free[np.arange(self.shape[1]), x + 1, y + 1]
-
-    @cached_property
-    def _free(self) -> np.ndarray:
-        return free_directions(self.process)
 
 
 def direction_spaces(
@@ -424,7 +376,7 @@ def direction_spaces(
 
 
 def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
-    """One seed of each board; one for all counts up, None leaves them as they are."""
+    """Return a seed for each board; one for all counts up, None leaves boards as they are."""
     seeds = validate_argument("seed", seed, _Seed | list[_Seed | None] | None)
     if not isinstance(seeds, list):
         seeds = [seeds if seeds is None else seeds + m for m in range(count)]
@@ -434,7 +386,7 @@ def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int
 
 
 def observed_columns(scenario: Scenario, config: ProcessConfig) -> list[tuple[int, int, int]]:
-    """Of each feature its column of a world, what is added to count from 0, the largest value."""
+    """Return a feature's column of a world, what to add to count from 0, and its largest value."""
     return [
         (FEATURE_COLUMNS[name], 1 if name == "g" else 0, size - 1)
         for name, size in feature_sizes(scenario, config).items()
@@ -470,17 +422,17 @@ def placed_world(process: Process, starts: Any) -> np.ndarray:
 
 
 def whole_cells(name: str, cells: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Start or target cells that a user gave, int64 of a shape; raises ConfigError."""
-    found = numbers(cells, shape, "iu")
-    if found is None:
+    """Return start or target cells that a user gave, int64 of a shape; raises ConfigError."""
+    array = numbers(cells, shape, "iu")
+    if array is None:
         raise ConfigError(
             f"{name} = {shorten(cells)} are not cells; give whole numbers [x, y] of shape {shape}"
         )
-    return found
+    return array
 
 
-def known_options(options: dict[str, Any] | None, *names: str) -> dict[str, Any]:
-    """Options of a reset."""
+def checked_options(options: dict[str, Any] | None, *names: str) -> dict[str, Any]:
+    """Return options of a reset; raises ConfigError where one has none of the names."""
     for name in options or {}:
         if name not in names:
             raise ConfigError(f"reset has no option '{name}'; choose from {', '.join(names)}")

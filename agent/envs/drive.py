@@ -18,14 +18,13 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from agent.envs.dynamics import DynamicsBoards
-from agent.envs.single import SingleEnv
-from agent.envs.vector import RowsVectorEnv
+from agent.envs.views import RowsVectorEnv, SingleEnv
 from cosim.base.arguments import ConfigError, numbers, require_one_of, validate_argument
 from cosim.base.errors import shorten
 from cosim.base.jit import kernel
 from cosim.coupling.signals import Samples
 from cosim.model.config import CoSimConfig, whole_ratio
-from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
+from cosim.model.outcome import RUNNING, SUCCESS
 from cosim.model.params import TIMING, Positive
 from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.onboard.estimation import POSE
@@ -33,6 +32,7 @@ from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
 from cosim.physics.body_state import X, Y, orientation_of, standing_state
 from cosim.physics.rotation import heading
 from cosim.simulation.driving import DriveObservation, in_frames, refuse_without_effect, velocities
+from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.measures import Measures
 
 TIME_LIMIT_S = 120.0
@@ -48,7 +48,7 @@ _NEW_DITHER = (0.0, 1.0)
 ACTIONS = ("velocity", "motors")
 
 
-class Rows(NamedTuple):
+class Driven(NamedTuple):
     """Robots of K boards that are driven; float64, a row for each of the K · N.
 
     Attributes:
@@ -83,7 +83,7 @@ def _locate(
 class DrivePolicy:
     """A policy of `Drive-v0` as one that drives in any scenario.
 
-    >>> ahead = DrivePolicy(lambda seen: [[1.0, 0.0]] * len(seen))
+    >>> ahead = DrivePolicy(lambda observations: [[1.0, 0.0]] * len(observations))
 
     Args:
         predict: (N, F) float32 observations of `DriveVectorEnv` to (N, 2) actions.
@@ -122,8 +122,7 @@ class DriveBoards(DynamicsBoards):
         count: boards.
         scenario: board and number of robots; starts and targets are drawn anywhere on it.
         action: "velocity" (ahead, and yaw rate) or "motors" (set points of D and E).
-        reward: "dense": 1 per cm of progress, -0.1 per second, 10 on arrival, -10 on failure;
-            "sparse": 1 on arrival, -1 on failure, else 0.
+        reward: "dense" or "sparse", see `DriveEnv`.
         observe: "true" poses, or "estimated" by the filter of the world's camera.
         context: observe friction, motor spread, restitution, slope and payload of the episode.
         control_interval: simulated time of a step in s.
@@ -160,26 +159,23 @@ class DriveBoards(DynamicsBoards):
         self._velocity, self._dense = action == "velocity", reward == "dense"
         options = {"time_limit": TIME_LIMIT_S, **physics, "rl_step": control_interval}
         super().__init__(count, scenario, options, max_episode_steps)
-        self.made = (*self.made, observe)
+        self._identity = (*self._identity, observe)
         timing, rows = self._config.timing, count * self.shape[1]
         step_ticks = self._config.periods_per_step * self._config.ticks_per_period
         last = -(-self._config.ticks(timing.episode_limit_s) // step_ticks)
         self._limit = min(self._limit, last)
         sizes = ((3,), (3,), (2,), (), (2,), (5,))
-        self._rows = Rows._make(np.zeros((rows, *size)) for size in sizes)
+        self._rows = Driven._make(np.zeros((rows, *size)) for size in sizes)
 
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
         size = 13 + 2 * (self.scenario.robots > 1) + 5 * self._context
-        seen = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
-        return seen, spaces.Box(-1.0, 1.0, (2,), np.float32)
+        observation = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
+        return observation, spaces.Box(-1.0, 1.0, (2,), np.float32)
 
-    def _checked(
-        self, *, mu: float | None = None, starts: Any = None, targets: Any = None
-    ) -> tuple[Any, ...]:
-        self._check_mu(mu)
-        return mu, self._places("starts", starts, 3), self._places("targets", targets, 2)
+    def _placement(self, starts: Any, targets: Any) -> Any:
+        return self._positions("starts", starts, 3), self._positions("targets", targets, 2)
 
-    def _places(self, name: str, values: Any, size: int) -> np.ndarray | None:
+    def _positions(self, name: str, values: Any, size: int) -> np.ndarray | None:
         if values is None:
             return None
         array = numbers(values, shape := (self.shape[1], size))
@@ -190,59 +186,54 @@ class DriveBoards(DynamicsBoards):
             )
         return array
 
-    def _free(self, places: np.ndarray, margin_m: float = 0.0) -> bool:
+    def _free(self, positions: np.ndarray, margin_m: float = 0.0) -> bool:
         scenario, diameter_m = self.scenario, self.scenario.diameter_m
-        inside = (places >= margin_m) & (places <= np.array(scenario.size_m) - margin_m)
+        inside = (positions >= margin_m) & (positions <= np.array(scenario.size_m) - margin_m)
         walls = scenario.walls * scenario.cell_m
         touched = touches_obstacle(
-            places[:, 0], places[:, 1], (diameter_m / 2.0 + margin_m) ** 2, walls
+            positions[:, 0], positions[:, 1], (diameter_m / 2.0 + margin_m) ** 2, walls
         )
-        gaps = starmap(math.dist, combinations(places.tolist(), 2))
+        gaps = starmap(math.dist, combinations(positions.tolist(), 2))
         return bool(inside.all() and not np.any(touched)) and all(g > diameter_m for g in gaps)
 
-    def _drawn(self, rng: np.random.Generator, around: np.ndarray | None) -> np.ndarray:
-        """(N, 2) places, uniform on the board, or on what of it is within reach of others."""
+    def _draw_positions(self, rng: np.random.Generator, around: np.ndarray | None) -> np.ndarray:
+        """Return (N, 2) positions, uniform on the board, or on what of it is in reach of others."""
         size_m = np.array(self.scenario.size_m)
         reach_m = min(self._reach_m, math.hypot(*size_m))
         for _ in range(_DRAWS):
             drawn = rng.uniform(0.0, 1.0, (self.shape[1], 2))
             if around is None:
-                places = drawn * size_m
+                positions = drawn * size_m
             else:
                 away, angle = reach_m * np.sqrt(drawn[:, 0]), 2.0 * math.pi * drawn[:, 1]
-                places = around + np.column_stack([away * np.cos(angle), away * np.sin(angle)])
-            if self._free(places, REACHED_M):
-                return places
+                positions = around + np.column_stack([away * np.cos(angle), away * np.sin(angle)])
+            if self._free(positions, REACHED_M):
+                return positions
         raise ConfigError(
             f"scenario {self.scenario.name}: {_DRAWS} draws found no places for its robots within "
             f"reach = {self._reach_m:g} m; choose a larger reach, or give starts and targets"
         )
 
-    def _begin_board(
-        self,
-        m: int,
-        mu: float | None = None,
-        poses: np.ndarray | None = None,
-        targets_m: np.ndarray | None = None,
-    ) -> None:
-        rng, seed = self._draws(m)
+    def _draw(self, rng: np.random.Generator, placement: Any) -> tuple[Scenario, np.ndarray, Any]:
+        poses, targets_m = placement
         if poses is None:
             headings = rng.uniform(-math.pi, math.pi, self.shape[1])
-            poses = np.column_stack([self._drawn(rng, None), headings])
+            poses = np.column_stack([self._draw_positions(rng, None), headings])
         if targets_m is None:
-            targets_m = self._drawn(rng, poses[:, :2])
+            targets_m = self._draw_positions(rng, poses[:, :2])
         # no robot's target cell is forbidden to the others: its centre is what counts here
         scenario = replace(self.scenario, zone_is_obstacle=False)
-        cells = poses[:, :2] // scenario.cell_m
-        episode = self._begin_episode(m, scenario, cells, mu, rng, seed)
-        config = episode.config
+        return scenario, poses[:, :2] // scenario.cell_m, (poses, targets_m)
+
+    def _set_up(self, m: int, episode: RunningEpisode, placed: Any) -> None:
+        poses, targets_m = placed
         episode.measures = Measures(poses[:, :2], poses[:, 2], _PERIOD_S)
         where = slice(m * self.shape[1], (m + 1) * self.shape[1])
         state, rows = self._batch.state, self._rows
         for column, (x, y, angle) in enumerate(poses.tolist(), where.start):
-            state.bodies[:, column] = standing_state(config.robot, x, y, angle)
+            state.bodies[:, column] = standing_state(episode.config.robot, x, y, angle)
         state.estimates[where, POSE : POSE + 3] = poses
-        begun = poses, 0.0, targets_m, 0.0, _NEW_DITHER, _world_of(config)
+        begun = poses, 0.0, targets_m, 0.0, _NEW_DITHER, _world_of(episode.config)
         for array, values in zip(rows, begun, strict=True):
             array[where] = values
         _locate(state.bodies, rows.targets_m, np.empty_like(rows.poses), rows.away_m)
@@ -251,107 +242,131 @@ class DriveBoards(DynamicsBoards):
         """See `EnvBoards.joint`."""
         return checked_actions(actions, self.shape[0] * self.shape[1]).reshape(*self.shape, 2)
 
-    def step(self, actions: np.ndarray) -> None:
-        """Drive for a control interval by (K, N, 2) actions; see `EnvBoards.step`."""
-        outcomes = self.arrays.outcomes
-        running = outcomes == RUNNING
-        moved, rewards = running[:, None] & ~self._arrived, np.zeros(self.shape)
-        if running.any():
-            rewards = self._drive(actions.reshape(-1, 2), running, moved)
-        for m in np.flatnonzero(~running).tolist():
-            self._begin_board(m)
-        cut = moved & (outcomes == TIMEOUT)[:, None] & ~self._arrived
-        ended = self._arrived | (outcomes != RUNNING)[:, None]
-        self._show(rewards, moved & ended & ~cut, cut)
-
-    def _drive(self, actions: np.ndarray, running: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        """(K, N) rewards of a control interval by (K · N, 2) actions.
-
-        Args:
-            actions: see `set_points`.
-            running: (K,) bool, which boards are.
-            moved: (K, N) bool, robots that are still to arrive there.
-        """
-        rows, batch = self._rows, self._batch
-        state, count = batch.state, len(actions)
+    def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
+        """Drive for a control interval; see the base class."""
+        rows, batch, outcomes = self._rows, self._batch, self.arrays.outcomes
+        state, count, robots = batch.state, len(rows.poses), self.shape[1]
+        running, moved = outcomes == RUNNING, self.remaining()
         before, before_m = rows.poses.copy(), rows.away_m.copy()
         commands = state.commands[:count]
         commands[:, OMEGA_D : OMEGA_E + 1] = set_points(
-            actions, self._config, rows.dither, velocity=self._velocity
+            actions.reshape(count, 2), self._config, rows.dither, velocity=self._velocity
         )
         commands[:, MODE] = np.where(moved.ravel(), DIRECT, HOLD)
-        episodes, robots = self._episodes(), self.shape[1]
+        episodes = self._episodes()
         for samples, _ in batch.stretches():
             for m in np.flatnonzero(running).tolist():
-                part = slice(state.periods[m]), slice(m * robots, (m + 1) * robots)
-                mine = Samples._make([signal[part] for signal in samples])
-                episodes[m].measures.add(mine)
+                own = slice(state.periods[m]), slice(m * robots, (m + 1) * robots)
+                episodes[m].measures.add(Samples._make(signal[own] for signal in samples))
         _locate(state.bodies, rows.targets_m, rows.poses, rows.away_m)
         if self._estimated:
             rows.poses[:] = state.estimates[:count, POSE : POSE + 3]
         rows.velocities[:] = velocities(before, rows.poses, self._interval_s)
         self._arrived |= (rows.away_m <= REACHED_M).reshape(self.shape)
-        failed = state.events[:count].reshape(self.shape)
-        all_arrived = np.where(self._arrived.all(axis=1), SUCCESS, RUNNING)
-        worst = failed.max(axis=1)
-        self.arrays.outcomes[running] = np.where(worst == RUNNING, all_arrived, worst)[running]
-        self._count_step(running)
-        rewards = 1.0 * self._arrived - 1.0 * (failed != RUNNING)
+        events = state.events[:count].reshape(self.shape)
+        worst = events.max(axis=1)
+        ends = np.where(self._arrived.all(axis=1) & (worst == RUNNING), SUCCESS, worst)
+        outcomes[running] = ends[running]
+        lost[running & (worst != RUNNING)] = True
+        gained = 1.0 * self._arrived - 1.0 * (events != RUNNING)
         if self._dense:
             rest = 0.1 * self._interval_s  # assumed: a second costs as much as a millimetre
             progress_m = (before_m - rows.away_m).reshape(self.shape)
-            rewards = 100.0 * progress_m - rest + _END_REWARD * rewards
-        return np.where(moved, rewards, 0.0)
+            gained = 100.0 * progress_m - rest + _END_REWARD * gained
+        rewards[moved] = gained[moved]
 
-    def _looked(self) -> tuple[np.ndarray, np.ndarray]:
+    def _observed(self) -> tuple[np.ndarray, np.ndarray]:
         rows, state, robots = self._rows, self._batch.state, self.shape[1]
         motors = state.set_points.shape[0]
         speeds = state.outputs[motors : 2 * motors, : len(rows.poses)].T
-        parts = rows.poses, rows.velocities, speeds, rows.targets_m
-        motion = DriveObservation(*parts, self.scenario, self._config, {})
-        seen = observed(motion, robots, rows.worlds if self._context else None)
-        return seen.reshape(*self.shape, -1), ~self._arrived
+        poses = rows.poses, rows.velocities, speeds, rows.targets_m
+        motion = DriveObservation(*poses, self.scenario, self._config, {})
+        observations = observed(motion, robots, rows.worlds if self._context else None)
+        return observations.reshape(*self.shape, -1), ~self._arrived
 
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""
         self._episodes()  # refuses before the first
-        places = self._rows.poses[:, :2].reshape(*self.shape, 2)
+        positions = self._rows.poses[:, :2].reshape(*self.shape, 2)
         cells = (self._rows.targets_m // self.scenario.cell_m).astype(int).reshape(*self.shape, 2)
         targets = [tuple((x, y) for x, y in board) for board in cells.tolist()]
         scenes = (replace(self.scenario, targets=of_board) for of_board in targets)
-        return list(zip(scenes, places, strict=True))
+        return list(zip(scenes, positions, strict=True))
 
 
 class DriveVectorEnv(RowsVectorEnv):
-    """Robots that learn to drive; every robot of `num_envs` boards is a row; see `DriveBoards`.
+    """Robots that learn to drive to drawn targets; every robot of the boards is a row.
 
-    Observations of a robot, as float32: target ahead and to the left (0.1 m), sine and cosine of
-    the heading, position over the board's size, velocity ahead and to the left and yaw rate (of the
-    calibrated ones), speeds of motors D and E over the largest, cosine and sine of the angle to the
-    target; with several robots the nearest other (0.1 m), with `context` the drawn world. Actions
-    in [-1, 1], beyond which they are cut: velocity and yaw rate over the calibrated ones, or set
-    points of motors D and E over the largest speed. An episode ends when all robots have been
-    within 5 mm of their targets, when one fails, or at the time limit.
+    `num_envs=K` boards of N robots have R = K · N rows, and `env.num_envs` is R.
 
-    Options of `reset` have for each board "starts" (robots, 3), x and y in m and heading in rad,
-    drawn on the whole board by default; "targets" (robots, 2) in m, drawn within reach of the
-    starts by default; "mu" of the floor; "reset_mask" (boards,) bool, boards to begin.
+    - Observation: Box (R, F) float32, cut to -10 to 10, as of `DriveEnv`: F is 13, with several
+      robots 2 more, offset ahead and to the left of the nearest other one in 0.1 m, and with
+      `context` 5 more at the end.
+    - Action: Box (R, 2) from -1 to 1, as of `DriveEnv`; ignored by robots that have arrived, and in
+      the step that begins a board again.
+    - Reward: (R,) float64 as of `DriveEnv`, for every robot of its own; 0 for robots that have
+      arrived, and where a board begins again.
+    - Termination: (R,) bool, by `ends="together"` the rows of a board when all its robots have
+      arrived (5 mm) or one has left the board or touched something; by `ends="own"` a robot that
+      arrived in its own step, the others then.
+    - Truncation: (R,) bool, robots that have not arrived at the limit: `max_episode_steps`, or
+      `time_limit` (120 s of simulated time).
+    - Restart: a board begins again in the step after its end, all its robots (next-step autoreset).
+    - Infos: (R,) arrays: `outcome`, `is_success`, `path_length`, `active` as of `DriveEnv`.
+      Gymnasium's masks `_outcome` and so on are True in every row.
+    - Options of `reset`: `starts`, (K, N, 3), `targets`, (K, N, 2), `mu`, (K,), as of `DriveEnv`;
+      `reset_mask`, (K,) bool, boards to begin again, whose seeds alone are used.
+    - Arguments: `num_envs` and `ends` as above, those of `DriveBoards` and of `View`.
+
+    >>> env = DriveVectorEnv(2, "2")
+    >>> observations, infos = env.reset(seed=0)
+    >>> observations.shape, env.action_space.shape
+    ((4, 15), (4, 2))
+    >>> env.close()
     """
 
     _boards_of = DriveBoards
 
 
 class DriveEnv(SingleEnv):
-    """One robot that learns to drive: a row of `DriveVectorEnv`; options and spaces as there.
+    """One robot that learns to drive to drawn targets.
 
-    `starts` (1, 3), `targets` (1, 2) and `mu` can be given as options of `reset`.
+    - Observation: Box (F,) float32, cut to -10 to 10. 0, 1: target ahead and to the left in 0.1 m.
+      2, 3: sine and cosine of the heading. 4, 5: x and y over the board's size. 6, 7: velocity
+      ahead and to the left over the calibrated speed. 8: yaw rate over the calibrated one. 9, 10:
+      speeds of motors D and E over the largest. 11, 12: cosine and sine of the angle to the target.
+      With `context` 5 more: µ, motor spread, restitution, slope in deg, payload in 10 g.
+    - Action: Box (2,) from -1 to 1, cut beyond, for `control_interval` (0.1 s). "velocity": speed
+      ahead and yaw rate over the calibrated ones. "motors": set points of D and E over the largest.
+    - Reward, float: "dense" 1 per cm of progress, -0.1 per s, 10 on arrival, -10 on failure;
+      "sparse" 1 on arrival, -1 on failure, else 0.
+    - Termination: the centre is within 5 mm of the target, or left the board, or the robot touched
+      an obstacle.
+    - Truncation: after `max_episode_steps` (of the id 1200), or `time_limit` (120 s of simulated
+      time).
+    - Infos: `outcome`, int, 0 running, 1 timeout, 2 success, 3 collision, 4 out of the board;
+      `is_success`, bool; `path_length`, float, cm since the start; `active`, bool, whether the next
+      action counts; with `outcome_names`, `outcome_name`, str.
+    - Options of `reset`: `starts`, [[x, y, heading]] in m and rad, by default anywhere on it;
+      `targets`, [[x, y]] in m, by default within `reach` (0.2 m) of the start; `mu`, friction
+      coefficient of the floor, for this episode.
+    - Arguments: those of `DriveBoards` but for `count`, and of `View`.
+
+    >>> env = DriveEnv(control_interval=0.5)
+    >>> start = {"starts": [[0.15, 0.15, 0.0]], "targets": [[0.25, 0.15]]}
+    >>> env.reset(seed=0, options=start)[0].round(2).tolist()
+    [1.0, 0.0, 0.0, 1.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    >>> observation, reward, terminated, truncated, info = env.step(np.array([1.0, 0.0]))
+    >>> bool(observation[0] < 1.0), terminated, truncated, info["active"]
+    (True, False, False, True)
+    >>> env.close()
     """
 
     _boards_of = DriveBoards
 
 
 def checked_actions(actions: Any, rows: int) -> np.ndarray:
-    """(rows, 2) float64 from -1 to 1 of what a learner returned, cut where it is beyond."""
+    """Return (rows, 2) float64 from -1 to 1 of what a learner gave, cut where it is beyond."""
     if (wanted := numbers(actions, (rows, 2))) is None:
         raise ConfigError(
             f"actions = {shorten(actions)}: give two finite numbers from -1 to 1 to each of the "
@@ -363,7 +378,7 @@ def checked_actions(actions: Any, rows: int) -> np.ndarray:
 def set_points(
     actions: np.ndarray, config: CoSimConfig, dither: np.ndarray, *, velocity: bool
 ) -> np.ndarray:
-    """(N, 2) speeds of motors D and E in rad/s.
+    """Return the speeds of motors D and E in rad/s, (N, 2).
 
     The calibrated speeds realise an action of 1. The dither alternates once per interval, like
     that of `cosim.onboard.steering`.
@@ -396,17 +411,17 @@ def set_points(
 
 
 def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -> np.ndarray:
-    """(R, F) float32, observations of `DriveVectorEnv`.
+    """Return observations of `DriveVectorEnv`, (R, F) float32.
 
     Args:
         motion: of the R robots of some boards, which have the same size and one calibration.
         robots: of each board.
-        worlds: (R, 5) of `Rows`, to observe as well; None for none.
+        worlds: (R, 5) of `Driven`, to observe as well; None for none.
     """
     poses, velocities, speeds, targets_m = motion[:4]
     steering, sin, cos = motion.config.steering, np.sin(poses[:, 2]), np.cos(poses[:, 2])
     error_m = in_frames(targets_m - poses[:, :2], cos, sin)
-    seen = [
+    parts = [
         error_m / _LENGTH_M,
         sin[:, None],
         cos[:, None],
@@ -417,18 +432,18 @@ def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -
         error_m / np.maximum(np.hypot(*error_m.T), 1e-9)[:, None],
     ]
     if robots > 1:
-        places = poses[:, :2].reshape(-1, robots, 2)
-        apart = places[:, None] - places[:, :, None]
+        positions = poses[:, :2].reshape(-1, robots, 2)
+        apart = positions[:, None] - positions[:, :, None]
         gaps = np.hypot(apart[..., 0], apart[..., 1]) + np.diag([np.inf] * robots)
         nearest = np.take_along_axis(apart, gaps.argmin(axis=2)[..., None, None], axis=2)
-        seen.append(in_frames(nearest.reshape(-1, 2), cos, sin) / _LENGTH_M)
+        parts.append(in_frames(nearest.reshape(-1, 2), cos, sin) / _LENGTH_M)
     if worlds is not None:
-        seen.append(worlds)
-    return np.concatenate(seen, axis=1).clip(-_LIMIT, _LIMIT).astype(np.float32)
+        parts.append(worlds)
+    return np.concatenate(parts, axis=1).clip(-_LIMIT, _LIMIT).astype(np.float32)
 
 
 def _world_of(config: CoSimConfig) -> tuple[float, ...]:
-    """Return an episode's world, see `Rows`."""
+    """Return an episode's world, see `Driven`."""
     world = config.world
     spread, restitution = world.motor_spread or 0.0, world.restitution or 0.0
     return config.robot.mu, spread, restitution, world.floor_tilt_deg, 0.1 * world.payload_g

@@ -16,7 +16,6 @@ from gymnasium import spaces
 
 from agent.envs.boards import (
     Count,
-    DirectionBoards,
     EnvBoards,
     Results,
     direction_spaces,
@@ -98,7 +97,9 @@ class DynamicsBoards(EnvBoards):
     def _begun(self) -> np.ndarray:
         return np.array([episode is not None for episode in self._batch.episodes])
 
-    def _check_mu(self, mu: float | None) -> None:
+    def _checked(
+        self, *, mu: float | None = None, starts: Any = None, targets: Any = None
+    ) -> tuple[float | None, Any]:
         if mu is not None:
             if self._config.shield:
                 raise ConfigError(
@@ -108,33 +109,23 @@ class DynamicsBoards(EnvBoards):
             self._config.having("given", mu=mu)  # refuses some
             if mu == 0.0:
                 raise ConfigError("mu = 0 is invalid: no robot could drive; give more")
-
-    def _begin(self, given: dict[int, tuple[Any, ...]]) -> None:
-        for m, checked in given.items():
-            self._begin_board(m, *checked)
-        none = np.zeros(self.shape, dtype=bool)
-        self._show(np.zeros(self.shape), none, none)
+        return mu, self._placement(starts, targets)
 
     @abstractmethod
-    def _begin_board(self, m: int, *arguments: Any, **options: Any) -> None:
-        """Begin an episode on board m: with what `_checked` returned, or drawn without it."""
+    def _placement(self, starts: Any, targets: Any) -> Any:
+        """Return what `_draw` takes, of starts and targets that a user gave, or None each."""
 
-    def _draws(self, m: int) -> tuple[np.random.Generator, np.random.SeedSequence]:
-        """Return what draws the places of board m's next episode, and the seed of its noise."""
-        places, noise = self._seeds[m].spawn(2)
-        return np.random.default_rng(places), noise
+    def _begin(self, given: dict[int, tuple[float | None, Any]]) -> None:
+        for m, (mu, placement) in given.items():
+            self._begin_board(m, mu, placement)
+        none = np.zeros(self.shape, dtype=bool)
+        self._publish(np.zeros(self.shape), none, none)
 
-    def _begin_episode(
-        self,
-        m: int,
-        scenario: Scenario,
-        cells: np.ndarray,
-        mu: float | None,
-        rng: np.random.Generator,
-        seed: np.random.SeedSequence,
-    ) -> RunningEpisode:
-        """Begin an episode from (N, 2) cells, in a world that `rng` draws."""
-        config = self._config
+    def _begin_board(self, m: int, mu: float | None, placement: Any) -> None:
+        """Begin an episode on board m, in a drawn world if worlds are drawn."""
+        positions, noise = self._seeds[m].spawn(2)
+        rng, config = np.random.default_rng(positions), self._config
+        scenario, cells, placed = self._draw(rng, placement)
         if self._worlds is not None:  # steering keeps its calibration, as in drawn worlds
             side = max(self.scenario.columns, self.scenario.rows)
             config = config.in_world(draw_world(self._worlds, side, side // 2, rng))
@@ -142,25 +133,53 @@ class DynamicsBoards(EnvBoards):
             config = config.having("given", mu=mu)
         starts = tuple((int(x), int(y)) for x, y in cells)
         self.arrays.outcomes[m], self._arrived[m], self._steps[m] = RUNNING, False, 0
-        return self._batch.begin(m, scenario, starts, seed, config)
+        self._set_up(m, self._batch.begin(m, scenario, starts, noise, config), placed)
 
     @abstractmethod
-    def _looked(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return observations (K, N, F), and the robots that use their next action, (K, N)."""
+    def _draw(self, rng: np.random.Generator, placement: Any) -> tuple[Scenario, np.ndarray, Any]:
+        """Draw what `_placement` left open: scenario, (N, 2) cells, and what `_set_up` takes."""
 
-    def _show(self, rewards: np.ndarray, terminated: np.ndarray, truncated: np.ndarray) -> None:
-        observations, active = self._looked()
-        active &= (self.arrays.outcomes == RUNNING)[:, None]
-        ends = terminated, truncated
-        self.arrays = Results(self.arrays.outcomes, observations, rewards, *ends, active)
+    @abstractmethod
+    def _set_up(self, m: int, episode: RunningEpisode, placed: Any) -> None:
+        """Prepare board m for an episode that has begun."""
 
-    def _count_step(self, running: np.ndarray) -> None:
-        """Count a step of the boards that were running, (K,) bool, and stop those that ended."""
-        outcomes = self.arrays.outcomes
+    def step(self, actions: np.ndarray) -> None:
+        """See `EnvBoards.step`."""
+        outcomes, moved = self.arrays.outcomes, self.remaining()
+        running = outcomes == RUNNING
+        rewards, lost = np.zeros(self.shape), np.zeros(self.shape, dtype=bool)
+        if running.any():
+            self._advance(actions, rewards, lost)
         self._steps += running
         outcomes[running & (outcomes == RUNNING) & (self._steps >= self._limit)] = TIMEOUT
         for m in np.flatnonzero(running & (outcomes != RUNNING)).tolist():
             self._batch.stop(m)
+        for m in np.flatnonzero(~running).tolist():
+            self._begin_board(m, None, self._placement(None, None))
+        moving = ~(self._arrived | lost)
+        self._publish(rewards, moved & ~moving, moved & moving & (outcomes != RUNNING)[:, None])
+
+    @abstractmethod
+    def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
+        """Simulate a step of the running boards by (K, N, ...) actions.
+
+        Args:
+            rewards: (K, N), zeros that get the rewards of the step.
+            lost: (K, N) bool, gets the robots that failed.
+        """
+
+    @abstractmethod
+    def _observed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return observations (K, N, F), and the robots that await an action, (K, N) bool."""
+
+    def _publish(self, rewards: np.ndarray, terminated: np.ndarray, truncated: np.ndarray) -> None:
+        outcomes, (observations, awaiting) = self.arrays.outcomes, self._observed()
+        active = awaiting & (outcomes == RUNNING)[:, None]
+        self.arrays = Results(outcomes, observations, rewards, terminated, truncated, active)
+
+    def remaining(self) -> np.ndarray:
+        """See `EnvBoards.remaining`."""
+        return ~self._arrived & (self.arrays.outcomes == RUNNING)[:, None]
 
     def _episodes(self) -> list[RunningEpisode]:
         """Return the episode of each board, which has one."""
@@ -174,18 +193,18 @@ class DynamicsBoards(EnvBoards):
         return 100.0 * np.array([episode.measures.path_length_m for episode in self._episodes()])
 
     def close(self) -> None:
-        """Free the FMU instances."""
+        """See `EnvBoards.close`."""
+        super().close()
         self._batch.close()
-        self.arrays.outcomes[:] = TIMEOUT
 
 
-class CoSimBoards(DynamicsBoards, DirectionBoards):
+class CoSimBoards(DynamicsBoards):
     """K boards with robots that adopt directions when they wait for one.
 
     Args:
         count, limit: as of `DynamicsBoards`.
         scenario: name, scenario file or record.
-        config: readings of the decision process.
+        config: interpretations of the decision process.
         physics: as of `DynamicsBoards`; and `decision`, when a step ends: after every
             "period" of 2 s, or, of one board, on "arrival", when a robot waits for an action; its
             rewards cover the time that passed.
@@ -213,73 +232,57 @@ class CoSimBoards(DynamicsBoards, DirectionBoards):
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
         return direction_spaces(self.scenario, self._process)
 
-    def _checked(
-        self, *, mu: float | None = None, starts: Any = None, targets: Any = None
-    ) -> tuple[Any, ...]:
-        self._check_mu(mu)
+    def _placement(self, starts: Any, targets: Any) -> Any:
         scenario, process = self.scenario, self._usual
         if targets is not None:
             aims = whole_cells("targets", targets, (scenario.robots, 2))
             scenario = replace(scenario, targets=tuple((int(x), int(y)) for x, y in aims))
             process = build_process(scenario, self._process)
         cells = None if starts is None else placed_world(process, starts)[:, [X, Y]]
-        return mu, scenario, process, cells
+        return scenario, cells, process
 
-    def _begin_board(
-        self,
-        m: int,
-        mu: float | None = None,
-        scenario: Scenario | None = None,
-        process: Process | None = None,
-        cells: np.ndarray | None = None,
-    ) -> None:
-        rng, seed = self._draws(m)
-        scenario, process = scenario or self.scenario, process or self._usual
+    def _draw(
+        self, rng: np.random.Generator, placement: Any
+    ) -> tuple[Scenario, np.ndarray, Process]:
+        scenario, cells, process = placement
         if cells is None:
             cells = np.array(draw_starts(scenario, rng))
             placed_world(process, cells)  # refuses some
-        self._begin_episode(m, scenario, cells, mu, rng, seed)
-        self._processes[m] = process
+        return scenario, cells, process
 
-    def step(self, actions: np.ndarray) -> None:
-        """Simulate an RL step, or until a robot waits for an action; see `EnvBoards.step`."""
-        outcomes = self.arrays.outcomes
-        running = outcomes == RUNNING
-        moved, lost = ~self._arrived & running[:, None], np.zeros(self.shape, dtype=bool)
-        rewards = np.zeros(self.shape)
-        while going_on := np.flatnonzero(outcomes == RUNNING).tolist():
-            episodes = self._episodes()
-            for m, step in self._batch.advance({m: actions[m] for m in going_on}).items():
+    def _set_up(self, m: int, episode: RunningEpisode, placed: Process) -> None:
+        self._processes[m] = placed
+
+    def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
+        """Simulate an RL step, or until a robot waits for an action; see the base class."""
+        outcomes, episodes = self.arrays.outcomes, self._episodes()
+        while running := np.flatnonzero(outcomes == RUNNING).tolist():
+            for m, step in self._batch.advance({m: actions[m] for m in running}).items():
                 outcomes[m] = BY_RANK.index(step.outcome)
                 self._arrived[m] = arrived = episodes[m].arrived
                 lost[m] = failed(step, arrived)
                 rewards[m] += np.nan_to_num(step_reward(self._processes[m], step, arrived))
             if not self._until_arrival or episodes[0].awaiting.any():
                 break
-        self._count_step(running)
-        for m in np.flatnonzero(~running).tolist():
-            self._begin_board(m)
-        moving = ~(self._arrived | lost)
-        ended = (outcomes != RUNNING)[:, None]
-        self._show(rewards, moved & ~moving, moved & moving & ended)
 
-    def _looked(self) -> tuple[np.ndarray, np.ndarray]:
-        episodes = self._episodes()
+    def _observed(self) -> tuple[np.ndarray, np.ndarray]:
+        episodes, last = self._episodes(), (self.scenario.columns - 1, self.scenario.rows - 1)
         rows = []
-        for process, seen in zip(self._processes, (e.observation for e in episodes), strict=True):
-            cells = np.clip(seen.cells, 0, (self.scenario.columns - 1, self.scenario.rows - 1))
-            world, _ = on_grid(process, seen._replace(cells=cells))
+        for process, episode in zip(self._processes, episodes, strict=True):
+            observation = episode.observation
+            cells = np.clip(observation.cells, 0, last)
+            world, _ = on_grid(process, observation._replace(cells=cells))
             rows.append(world[:, self._features[:, 0]] + self._features[:, 1])
         return np.array(rows), np.array([episode.awaiting for episode in episodes])
 
     def action_masks(self) -> np.ndarray:
-        """See `DirectionBoards.action_masks`."""
+        """Return which directions lead to a free cell, (K, N, 8) int8; see `free_directions`."""
         last, robots = (self.scenario.columns, self.scenario.rows), np.arange(self.shape[1])
-        found = []
+        masks = []
         for process, episode in zip(self._processes, self._episodes(), strict=True):
             x, y = (episode.observation.cells.clip(-1, last) + 1).T
-            found.append(free_directions(process)[robots, x, y])
-        return np.array(found)
+            masks.append(free_directions(process)[robots, x, y])
+        return np.array(masks)
 
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""

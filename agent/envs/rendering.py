@@ -1,17 +1,13 @@
-"""Base of the environments, and their pictures: text, or an array of pixels."""
+"""Pictures of boards: text, or an array of pixels."""
 
-from typing import Any, Literal, get_args
+from typing import Literal
 
-import gymnasium as gym
 import numpy as np
 
-from agent.envs.boards import EnvBoards, Restorable
-from cosim.base.arguments import validate_argument
 from cosim.model.scenario import Scenario
 
 PIXELS_PER_CELL = 12
 RenderMode = Literal["ansi", "rgb_array"]
-RENDER_MODES = list(get_args(RenderMode))
 # Colour-blind safe colours of robots and their targets (Okabe and Ito), used in turn.
 ROBOT_COLOURS = np.array(
     [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233)],
@@ -20,45 +16,13 @@ ROBOT_COLOURS = np.array(
 _BOARD, _GRID, _ZONE, _OBSTACLE = 255, 238, 222, 90
 
 
-class View(Restorable):
-    """Base of the environments: boards that are stepped, shown and closed.
-
-    Args:
-        boards: what is stepped.
-        render_mode: "ansi", "rgb_array" or None.
-        outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
-    """
-
-    metadata: Any = {"render_modes": RENDER_MODES, "render_fps": 10}  # noqa: RUF012
-    _mutable: Any = ("_boards",)
-    _boards: Any
-
-    def __init__(self, boards: EnvBoards, render_mode: str | None, outcome_names: bool) -> None:
-        self._boards = boards
-        self._outcome_names = validate_argument("outcome_names", outcome_names, bool)
-        self.render_mode = validate_argument("render_mode", render_mode, RenderMode | None)
-
-    def render(self) -> Any:
-        """The first board as text ("ansi") or pixels ("rgb_array")."""
-        self._require_open()
-        if self.render_mode is None:
-            gym.logger.warn("render() does nothing without a render_mode")
-            return None
-        return picture(self.render_mode, *self._boards.scenes()[0])
-
-    def close(self, **_: Any) -> None:
-        """Free the simulation; `reset` opens the environment again."""
-        self._boards.close()
-        self.closed = True
-
-
 def picture(mode: str, scenario: Scenario, positions_m: np.ndarray) -> str | np.ndarray:
-    """The board as the text or the pixels of a render mode, with robots at (N, 2) m."""
+    """Return the board as the text or the pixels of a render mode, with robots at (N, 2) m."""
     return (board_text if mode == "ansi" else board_pixels)(scenario, positions_m)
 
 
 def board_text(scenario: Scenario, positions_m: np.ndarray) -> str:
-    """The board, top row first: robots 1, 2, …; their targets a, b, …; obstacles #; zone ':'."""
+    """Return the board, top row first: robots 1, 2, …; targets a, b, …; obstacles #; zone ':'."""
     cells = np.full((scenario.columns, scenario.rows), ".")
     left, bottom, right, top = scenario.zone
     cells[left : right + 1, bottom : top + 1] = ":"
@@ -74,7 +38,7 @@ def board_text(scenario: Scenario, positions_m: np.ndarray) -> str:
 
 
 def board_pixels(scenario: Scenario, positions_m: np.ndarray) -> np.ndarray:
-    """(rows · 12, columns · 12, 3) uint8: robots as discs, targets as squares of their colour."""
+    """Return (rows · 12, columns · 12, 3) uint8: robots as discs, targets as squares."""
     scale = PIXELS_PER_CELL
     picture = np.full((scenario.columns * scale, scenario.rows * scale, 3), _BOARD, dtype=np.uint8)
     picture[::scale] = picture[:, ::scale] = _GRID

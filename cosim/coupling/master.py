@@ -67,7 +67,17 @@ class NotFiniteError(UserError):
 
 
 class Driver(ABC):
-    """Advances the coupled system: the motors of all robots, and bodies in vectors of `lanes`."""
+    """Advances the coupled system: the motors of all robots, and bodies in vectors of `lanes`.
+
+    Order of calls: `Motors` (not one instance is there yet), the driver, `Motors.restart` for the
+    robots of each episode that begins, which makes the instances, and then `advance` any number of
+    times, with restarts between. `advance` does for every control period:
+
+    1. Commands and noise become inputs of the motors, which are set.
+    2. For every communication step: motors step, their outputs are read, and bodies move tick by
+       tick with them; with reaction, inputs are set again with what the bodies did.
+    3. Voltages and currents are read, and the period's samples are kept.
+    """
 
     def __init__(self, motors: Motors, lanes: int = 1) -> None:
         self.motors = motors
@@ -88,7 +98,11 @@ class Driver(ABC):
 
 
 class ReferenceDriver(Driver):
-    """Steps the FMUs through fmpy's Python classes, and one body after the other."""
+    """Steps the FMUs through fmpy's Python classes, and one body after the other.
+
+    Calls `Motors.set_inputs` once per control period, `step` and `get_outputs` once per
+    communication step, for each instance, and `get_electrical` at the end of the period.
+    """
 
     def advance(
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
@@ -120,7 +134,12 @@ class ReferenceDriver(Driver):
 
 
 class CompiledDriver(Driver):
-    """Steps the FMUs by calling their C functions from a compiled loop, bodies in lanes."""
+    """Steps the FMUs by calling their C functions from a compiled loop, bodies in lanes.
+
+    Calls fmi3SetFloat64 once per control period, fmi3DoStep and fmi3GetFloat64 once per
+    communication step, for each instance, and fmi3GetFloat64 of voltages and currents at the end of
+    the period. Motors of a vector step just before its bodies.
+    """
 
     def advance(
         self, plant: Plant, state: State, noise: np.ndarray, samples: Samples, raw: RawSamples
@@ -150,10 +169,11 @@ class CompiledDriver(Driver):
 class FmpyDriver(CompiledDriver):
     """Steps all motors by `doStep` of fmpy's FMU3Slave, once per control period; bodies in lanes.
 
-    One FMU instance has all motors of a batch, which must be made with `sampled`. In a `doStep` it
-    makes the ticks of a control period on its own and keeps its outputs at the end of each
-    communication step, which the bodies then see one after the other. The compiled loop exchanges
-    inputs and outputs itself, through the functions of the library that fmpy has loaded.
+    One FMU instance has all motors of a batch, which must be made with `sampled`. Calls once per
+    control period fmi3SetFloat64, `doStep`, in which the FMU makes all ticks of the period on its
+    own, and fmi3GetFloat64 of its outputs at the end of each communication step, which the bodies
+    then get one after the other. The compiled loop makes all calls but `doStep` itself, through the
+    functions of the library that fmpy has loaded.
     """
 
     @interrupts_held()  # what a signal raises would be lost on its way out of compiled code

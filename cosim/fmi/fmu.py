@@ -34,7 +34,16 @@ class FmuError(UserError):
 
 
 class Fmu:
-    """An unpacked FMU of FMI 3.0 for Co-Simulation."""
+    """An unpacked FMU of FMI 3.0 for Co-Simulation.
+
+    Making one reads and checks the file, and loads no binary: `cosim.fmi.motor.MotorFmu` does that
+    for its first instance. Raises FmuError where the file cannot be used.
+
+    Attributes:
+        path, folder: the file, and the folder of the cache with its content.
+        description, interface: fmpy's ModelDescription, and its CoSimulation.
+        variables: fmpy's ModelVariable by name.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -63,6 +63,10 @@ _LOADING = threading.Lock()
 class MotorFmu(Fmu):
     """A motor FMU from which instances are made; see `Fmu` for more of its attributes.
 
+    Order of calls: `MotorFmu(path)` checks the variables; then `Motor(fmu, name, …)` any number of
+    times, each of which calls `load`, the first time with the binary. `read` makes an instance of
+    its own and frees it. The binary stays loaded until the FMU and all instances are gone.
+
     Attributes:
         inputs, outputs, electrical: value references (uint32) of INPUTS (OPEN_INPUTS in open loop),
             OUTPUTS, ELECTRICAL (and LOOP, if there is one).
@@ -246,6 +250,18 @@ def _end(slave: Any) -> None:
 
 class Motor:
     """A running instance of a motor FMU, in step mode: one motor, or all of them as arrays.
+
+    Order of calls, with those of FMI 3.0 that each makes:
+
+    1. `Motor(fmu, …)`: instantiate, enterConfigurationMode, setUInt64 of the sizes and
+       exitConfigurationMode where motors are arrays, setFloat64 of the parameters,
+       enterInitializationMode, exitInitializationMode. The time is 0 s.
+    2. For each communication step: `restart(runs)` where motors of arrays begin again (setInt64),
+       `set` of the inputs (setFloat64), `step(time_s, step_s)` from the time that the step before
+       ended at (doStep), `get` of the outputs (getFloat64).
+    3. Between steps at any time: `get_state` and `set_state`.
+    4. `close`: terminate, freeInstance; also when the object is collected. No call after it, nor
+       after an FmuError but `close`, which calls what the standard allows then.
 
     Values of arrays stand one signal after the other. Every method raises an FmuError that names
     the instance and the simulated time, in s, where the FMU refuses a call.

@@ -19,6 +19,7 @@ import minirobots as mr
 from agent import envs
 from cosim.model.scenario import Scenario
 
+EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 IDS = ("SingleA", "SingleB", "CoSim", "Drive")
 # Robots that neither touch nor leave the board within a few moves.
 MIDDLE = Scenario("middle", "", ((5, 5), (25, 25)), (((8, 15),), ((22, 15),)))
@@ -87,10 +88,13 @@ def test_masks_say_which_moves_end_an_episode():
 
 @pytest.mark.learners
 @pytest.mark.parametrize("name", IDS)
-def test_sb3_accepts_the_environments(name):
+def test_sb3_and_torchrl_accept_the_environments(name):
     from stable_baselines3.common.env_checker import check_env
+    from torchrl.envs import GymWrapper
+    from torchrl.envs.utils import check_env_specs
 
     check_env(gym.make(f"MiniRobots/{name}-v0"))
+    check_env_specs(GymWrapper(gym.make(f"MiniRobots/{name}-v0")))
 
 
 @pytest.mark.learners
@@ -123,22 +127,13 @@ def test_supersuit_makes_rows_of_robots_for_sb3():
     spaces = gym.spaces
     env = supersuit.observation_lambda_v0(
         parallel(max_cycles=50),
-        lambda seen, space: spaces.flatten(space, seen),
+        lambda observation, space: spaces.flatten(space, observation),
         spaces.flatten_space,
     )
     env = supersuit.black_death_v3(env)
     env = supersuit.pettingzoo_env_to_vec_env_v1(env)
     env = supersuit.concat_vec_envs_v1(env, 2, base_class="stable_baselines3")
     PPO("MlpPolicy", env, n_steps=8, batch_size=16, device="cpu").learn(32)
-
-
-@pytest.mark.learners
-@pytest.mark.parametrize("name", IDS)
-def test_torchrl_accepts_single_robots(name):
-    from torchrl.envs import GymWrapper
-    from torchrl.envs.utils import check_env_specs
-
-    check_env_specs(GymWrapper(gym.make(f"MiniRobots/{name}-v0")))
 
 
 @pytest.mark.learners
@@ -174,11 +169,22 @@ def test_gymnasium_films_single_robots_and_rows(name, boards, tmp_path):
 
 @pytest.mark.learners
 def test_the_single_file_learner_makes_a_policy(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parents[3] / "docs" / "examples")
+    monkeypatch.syspath_prepend(EXAMPLES)
     cleanrl: Any = import_module("cleanrl_drive")
     cleanrl.train(tmp_path / "drive.pt", 1e-9)
     episode = mr.simulate("1a", cleanrl.policy(tmp_path / "drive.pt"), time_limit=2, progress=None)
     assert episode.outcome == "timeout"
+
+
+@pytest.mark.learners
+def test_the_example_of_stable_baselines_trains_continues_and_drives(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    sb3: Any = import_module("sb3_drive")
+    file, options = tmp_path / "drive.zip", {"time_limit": 2.0}
+    for _ in range(2):
+        sb3.train(file, 1e-9, options)
+    assert sum(sb3.evaluate(file, 2, options).values()) == 2
+    assert mr.simulate("1a", sb3.driver(file), time_limit=2, progress=None).outcome == "timeout"
 
 
 @pytest.mark.learners

@@ -1,35 +1,39 @@
 """Policies that command motors, in the co-simulation's own episodes, studies and recordings."""
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 
 import minirobots as mr
-from agent.envs.drive import DrivePolicy, DriveVectorEnv
+from agent.envs.drive import DriveEnv, DrivePolicy
 from agent.study.policies import ObjectPolicy
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
-from cosim.model.scenario_file import find_in_world
+from cosim.model.scenario_file import find_in_world, find_scenario
 from cosim.simulation.driving import DriveObservation, drives
 
 
-def towards(seen):
+def towards(observations):
     """Turn to the target with either end, then drive: a controller of `Drive-v0`."""
-    ahead, left = seen[:, 11], seen[:, 12]
+    ahead, left = observations[:, 11], observations[:, 12]
     turn = np.clip(3.0 * np.sign(ahead) * left, -1.0, 1.0)
     return np.column_stack([np.sign(ahead) * (np.abs(left) < 0.3), turn])
 
 
 class Circling:
-    """Commands motors on its own."""
+    """Commands motors on its own, with what a function of the motion returns."""
 
     interval_s = 0.5
+
+    def __init__(self, command=lambda motion: np.full((len(motion.poses), 2), 900.0)) -> None:
+        self._command = command
 
     def drive(self, motion: DriveObservation):
         motion.memory["asked"] = motion.memory.get("asked", 0) + 1
         assert motion.memory["asked"] <= 8
-        return np.full((len(motion.poses), 2), 900.0)
+        return self._command(motion)
 
 
 @pytest.fixture(scope="module")
@@ -49,19 +53,25 @@ def test_a_driver_reaches_its_target_and_all_is_recorded(driver, tmp_path):
     assert np.abs(omega).max() == pytest.approx(np.abs(commanded).max(), rel=0.1)
 
 
-def test_its_decisions_are_those_in_the_environment(driver):
-    """The observation of the environment, and its set points, from the same poses."""
-    with_memory = {"starts": [[[0.1, 0.1, 0.0]]], "targets": [[[0.2, 0.15]]]}
-    env = DriveVectorEnv(1, control_interval=0.5)
-    seen, _ = env.reset(seed=3, options=with_memory)
-    for _ in range(4):
-        boards: Any = env._boards
-        rows, state = boards._rows, boards._batch.state
-        parts = rows.poses, rows.velocities, state.outputs[2:4, :1].T, rows.targets_m
-        memory = {"dither": rows.dither.copy()}
-        wanted = driver.drive(DriveObservation(*parts, boards.scenario, boards._config, memory))
-        seen, *_ = env.step(towards(seen))
-        assert np.array_equal(state.commands[:1, :2], wanted)
+def test_its_observations_and_set_points_are_those_of_the_environment():
+    """The environment returns in the same state what the policy gets in an episode."""
+    rows: list[np.ndarray] = []
+
+    def predict(observations):
+        rows.extend(observations)
+        return towards(observations)
+
+    policy = DrivePolicy(predict, control_interval=0.5)
+    mr.simulate("1a", policy, time_limit=5, progress=None)
+    x, y = 0.3 * rows[0][4:6]
+    (target,) = find_scenario("1a").targets
+    place = {"starts": [[x, y, math.atan2(*rows[0][2:4])]]}
+    place["targets"] = [[0.01 * (cell + 0.5) for cell in target]]
+    env = DriveEnv(control_interval=0.5)
+    observation, _ = env.reset(options=place)
+    for row in rows[:8]:
+        assert observation == pytest.approx(row, abs=1e-4)
+        observation, *_ = env.step(towards(row[None])[0])
     env.close()
 
 
@@ -86,7 +96,7 @@ both.act = lambda observation: [0]
 
 
 @pytest.mark.parametrize(
-    ("policy", "options", "said"),
+    ("policy", "options", "words"),
     [
         (Circling(), {"shield": True}, "shield has no effect"),
         (Circling(), {"through": True}, "through has no effect"),
@@ -97,28 +107,24 @@ both.act = lambda observation: [0]
         ("P.npz", {}, "no act"),
     ],
 )
-def test_what_has_no_effect_is_refused(policy, options, said):
-    with pytest.raises(ConfigError, match=said):
+def test_what_has_no_effect_is_refused(policy, options, words):
+    with pytest.raises(ConfigError, match=words):
         mr.simulate("2", policy, progress=None, **options)
 
 
 @pytest.mark.parametrize(
     "returned", [None, [900.0, 900.0], [[900.0, np.nan]] * 2, "fast", [[1, 2, 3]]]
 )
-def test_what_are_no_set_points_is_refused(returned, monkeypatch):
-    policy = Circling()
-    monkeypatch.setattr(policy, "drive", lambda motion: returned)
-    with pytest.raises(UserError, match=r"the policy returned .*expected 2 x 2 finite numbers"):
-        mr.simulate("2", policy, progress=None)
+def test_what_are_no_set_points_is_refused(returned):
+    with pytest.raises(UserError, match=r"policy returned .* 2 x 2 finite numbers"):
+        mr.simulate("2", Circling(lambda motion: returned), progress=None)
 
 
-def test_failures_of_a_driver_name_it(monkeypatch):
-    policy = Circling()
-    monkeypatch.setattr(policy, "drive", lambda motion: 1 / 0)
+def test_failures_of_a_driver_name_it():
     with pytest.raises(UserError, match=r"drive of policy Circling failed .*ZeroDivisionError"):
-        mr.evaluate(policy, "2", starts=1, progress=None)
+        mr.evaluate(Circling(lambda motion: 1 / 0), "2", starts=1, progress=None)
     assert drives(ObjectPolicy(Circling(), find_in_world("2")[0]))
     with pytest.raises(ConfigError, match="two finite numbers"):
-        mr.simulate("1a", DrivePolicy(lambda seen: [[1.0]]), progress=None)
+        mr.simulate("1a", DrivePolicy(lambda observations: [[1.0]]), progress=None)
     with pytest.raises(ConfigError, match="control_interval"):
         DrivePolicy(towards, control_interval=0.0)

@@ -1,5 +1,8 @@
-"""Environments: the process of the kernels, and the rules of Gymnasium and PettingZoo."""
+"""Environments: the process of the kernels, the rules of the libraries, and what is refused."""
 
+import doctest
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -10,15 +13,13 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from agent import envs
-from agent.envs.parallel import NavigationParallelEnv
-from agent.envs.vector import RobotsVectorEnv
+from agent.envs import drive, navigation
+from agent.envs.drive import DriveVectorEnv
+from agent.envs.navigation import RobotsVectorEnv
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
 from agent.mdp.readings import build_process
 from agent.mdp.rng import seeded_state
-from agent.training.policy import Policy, PolicyConfig, Seed
-from agent.training.settings import LearningConfig
-from agent.training.store import find_or_make
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from cosim.model.outcome import BY_RANK, COLLISION, OUT_OF_BOARD, RUNNING, TIMEOUT
@@ -26,14 +27,29 @@ from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 
 IDS = ("MiniRobots/SingleA-v0", "MiniRobots/SingleB-v0")
+MAKERS = (envs.NavigationEnv, envs.parallel_env, RobotsVectorEnv)
+driven_rows = partial(RobotsVectorEnv, scenario="1a", cosim=True)  # as of `CoSim-v0`
 
 
-@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("module", [navigation, drive])
+def test_examples_of_contracts_hold(module):
+    found = doctest.testmod(module)
+    assert found.attempted > 6
+    assert found.failed == 0
+
+
+@pytest.mark.parametrize("name", [*IDS, "MiniRobots/Drive-v0"])
 @pytest.mark.parametrize("mode", [None, "ansi", "rgb_array"])
 def test_gymnasium_accepts_the_environments(name, mode):
     env = gym.make(name, render_mode=mode)
-    check_env(env.unwrapped)
+    check_env(env.unwrapped, skip_render_check="Drive" in name)
     env.close()
+
+
+@pytest.mark.parametrize("scenario", ["1a", "1b", "2", "3", "4", "5-doorway", "4-cross", "6-swap"])
+def test_pettingzoo_accepts_the_environment(scenario):
+    parallel_api_test(envs.parallel_env(scenario), num_cycles=300)
+    parallel_seed_test(lambda: envs.parallel_env(scenario), num_cycles=100)
 
 
 def kernel_episode(process, seed, actions):
@@ -56,37 +72,18 @@ def kernel_episode(process, seed, actions):
 
 
 @pytest.mark.parametrize("slip", [0.0, 0.3])
-@pytest.mark.parametrize("seed", range(5))
-def test_gymnasium_steps_the_kernels_process(seed, slip):
-    config = ProcessConfig(slip_probability=slip)
-    process = build_process(find_scenario("1b"), config)
-    actions = np.random.default_rng(seed).integers(8, size=(200, 1))
-    env = gym.make("MiniRobots/SingleB-v0", process=config, outcome_names=True)
-    env.reset(seed=seed)
-    for action, (outcome, rewards, world) in zip(
-        actions, kernel_episode(process, seed, actions), strict=False
-    ):
-        seen, reward, terminated, truncated, info = env.step(action[0])
-        assert reward == rewards[0]
-        assert info["outcome"] == outcome
-        assert info["outcome_name"] == BY_RANK[outcome]
-        assert terminated == (outcome != RUNNING)
-        assert not truncated
-        if not terminated:
-            assert seen.tolist() == world[0, [grid.X, grid.Y]].tolist()
-
-
-@pytest.mark.parametrize("slip", [0.0, 0.3])
-def test_pettingzoo_steps_the_kernels_process(slip):
+@pytest.mark.parametrize("scenario", ["1b", "4"])
+def test_an_episode_is_that_of_the_kernels(scenario, slip):
+    """Of a parallel environment; the others have its bits."""
     config = ProcessConfig(slip_probability=slip, features=("x", "y", "d", "g", "b"))
-    process = build_process(find_scenario("4"), config)
-    env = envs.parallel_env("4", config)
-    steps = 0
+    process = build_process(find_scenario(scenario), config)
+    env = envs.parallel_env(scenario, config, outcome_names=True)
+    robots, steps, ends = len(env.possible_agents), 0, set()
     for seed in range(20):
         env.reset(seed=seed)
-        moving = np.ones(2, dtype=bool)
+        moving = np.ones(robots, dtype=bool)
         # robot 1 comes down, robot 2 goes up, both at random: they meet, leave or continue for long
-        actions = np.random.default_rng(seed).integers(3, size=(60, 2)) + np.array([5, 1])
+        actions = np.random.default_rng(seed).integers(3, size=(60, robots)) + [5, 1][:robots]
         for action, (outcome, rewards, world) in zip(
             actions, kernel_episode(process, seed, actions), strict=False
         ):
@@ -95,105 +92,23 @@ def test_pettingzoo_steps_the_kernels_process(slip):
             steps += 1
             for k in np.flatnonzero(moving):
                 agent = f"robot_{k + 1}"
-                assert got[agent] == rewards[k]
                 still = world[k, grid.STATUS] == grid.MOVING
+                assert got[agent] == rewards[k]
                 assert terminations[agent] == (not still)
                 assert truncations[agent] == (still and outcome != RUNNING)
                 assert infos[agent]["outcome"] == outcome
+                assert infos[agent]["outcome_name"] == BY_RANK[outcome]
                 if outcome == RUNNING:
                     assert row(env, observations[agent]) == grid.state_index(process, world, int(k))
+                ends.add((terminations[agent], truncations[agent]))
             moving = world[:, grid.STATUS] == grid.MOVING
-        assert not env.agents
     assert steps > 100
+    assert len(ends) == 1 + robots  # a robot alone is not cut by another's failure
 
 
-def test_a_trained_policy_reaches_the_targets_in_the_environment():
-    learning = LearningConfig(episodes=200_000, greedy_points=0)
-    config = PolicyConfig(find_scenario("2"), ProcessConfig(), learning, Seed(0))
-    tables: Policy = find_or_make(config)[0]
-    env = envs.parallel_env("2")
-    for seed in range(5):
-        observations, infos = env.reset(seed=seed)
-        total = dict.fromkeys(env.possible_agents, 0.0)
-        while env.agents:
-            actions = {
-                agent: int(tables.values[int(agent[-1]) - 1, row(env, seen)].argmax())
-                for agent, seen in observations.items()
-            }
-            observations, rewards, _, _, infos_now = env.step(actions)
-            infos |= infos_now
-            for agent, reward in rewards.items():
-                total[agent] += reward
-        assert all(value > 0.0 for value in total.values())
-        assert any(info["is_success"] for info in infos.values())
-        assert all(10.0 < info["path_length"] < 40.0 for info in infos.values())
-
-
-def row(env, seen):
+def row(env, observation):
     sizes = env.observation_space("robot_1").nvec
-    return np.ravel_multi_index(tuple(seen), sizes)
-
-
-@pytest.mark.parametrize("scenario", ["1a", "1b", "2", "3", "4", "5-doorway", "4-cross", "6-swap"])
-def test_pettingzoo_accepts_the_environment(scenario):
-    parallel_api_test(envs.parallel_env(scenario), num_cycles=300)
-    parallel_seed_test(lambda: envs.parallel_env(scenario), num_cycles=100)
-
-
-def test_partner_of_a_failed_robot_is_truncated():
-    env = envs.parallel_env("2")
-    env.reset(options={"starts": [[0, 29], [5, 5]]})
-    _, rewards, terminations, truncations, infos = env.step({"robot_1": 4, "robot_2": 0})
-    assert rewards == {"robot_1": -100.0, "robot_2": -1.0}
-    assert terminations == {"robot_1": True, "robot_2": False}
-    assert truncations == {"robot_1": False, "robot_2": True}
-    assert infos["robot_2"]["outcome"] == OUT_OF_BOARD
-
-
-@pytest.mark.parametrize("slip", [0.0, 0.2])
-def test_native_vector_environment_is_the_synchronous_one_bit_for_bit(slip):
-    config = ProcessConfig(slip_probability=slip, step_limit=20)
-    native = gym.make_vec("MiniRobots/SingleB-v0", num_envs=6, process=config)
-    assert isinstance(native.unwrapped, RobotsVectorEnv)
-    plain = SyncVectorEnv(
-        [lambda: envs.NavigationEnv("1b", config)] * 6, autoreset_mode=AutoresetMode.NEXT_STEP
-    )
-    assert native.observation_space == plain.observation_space
-    assert native.action_space == plain.action_space
-    actions = np.random.default_rng(0).integers(8, size=(300, 6))
-    outcomes = set()
-    compare(native.reset(seed=5), plain.reset(seed=5))
-    for action in actions:
-        compare(native.step(action), plain.step(action))
-        outcomes |= {*native.unwrapped._infos()["outcome"]}
-    assert outcomes >= {RUNNING, OUT_OF_BOARD, TIMEOUT}
-    native.close()
-    plain.close()
-
-
-def test_co_simulated_vector_environment_is_the_synchronous_one_bit_for_bit():
-    native = gym.make_vec("MiniRobots/CoSim-v0", num_envs=3)
-    assert isinstance(native.unwrapped, RobotsVectorEnv)
-    plain = SyncVectorEnv(
-        [lambda: gym.make("MiniRobots/CoSim-v0", decision="period")] * 3,
-        autoreset_mode=AutoresetMode.NEXT_STEP,
-    )
-    assert native.observation_space == plain.observation_space
-    compare(native.reset(seed=5), plain.reset(seed=5))
-    # one leaves the board soon and begins again, the others continue
-    starts = np.array([[[5, 0]], [[4, 4]], [[20, 9]]])
-    options = {"starts": starts}
-    native.reset(options=options)
-    for env, cell in zip(plain.envs, starts, strict=True):
-        env.reset(options={"starts": cell})
-    outcomes = []
-    for action in ([6, 1, 2], [6, 1, 3], [6, 2, 3], [6, 2, 4], [0, 1, 2]):
-        ours = native.step(np.array(action))
-        compare(ours, plain.step(np.array(action)))
-        outcomes.append(ours[4]["outcome"].tolist())
-    assert [OUT_OF_BOARD, RUNNING, RUNNING] in outcomes[:-1]
-    native.close()
-    plain.close()
+    return np.ravel_multi_index(tuple(observation), sizes)
 
 
 def compare(ours, theirs):
@@ -207,67 +122,128 @@ def compare(ours, theirs):
             assert np.array_equal(a[name], b[name]), name
 
 
+SHORT = ProcessConfig(step_limit=20)
+RANDOM = np.random.default_rng(0)
+MOVES = RANDOM.integers(8, size=(300, 3))
+ONE_LEAVES = np.tile([6, 1, 2], (6, 1))
+DRIVES = RANDOM.uniform(-1.0, 1.0, (5, 3, 2)).astype(np.float32)
+
+
 @pytest.mark.parametrize(
-    ("reading", "cosim", "said"),
+    ("name", "options", "start", "actions", "outcomes"),
     [
-        ({"reward_per": "time"}, False, "reward_per = time has no effect in environments on"),
-        ({"partner_of_failed": "none"}, False, "environments on the grid: nothing is learnt there"),
-        ({"step_limit": 5}, True, "step_limit = 5 has no effect in the co-simulation: episodes"),
-        ({"slip_probability": 0.1}, True, "moves end where they end; leave it at 0.0"),
-        ({"target_obstacle": "disk"}, True, "of the grid alone; leave it at cell"),
+        ("SingleB", {"process": SHORT}, [5, 0], MOVES, {RUNNING, OUT_OF_BOARD, TIMEOUT}),
+        ("SingleB", {"process": replace(SHORT, slip_probability=0.2)}, [5, 0], MOVES, {TIMEOUT}),
+        ("CoSim", {"decision": "period"}, [5, 0], ONE_LEAVES, {RUNNING, OUT_OF_BOARD}),
+        ("Drive", {"time_limit": 0.3}, [0.1, 0.1, 0.0], DRIVES, {RUNNING, TIMEOUT}),
     ],
 )
-def test_readings_without_effect_are_refused(reading, cosim, said):
-    with pytest.raises(UserError, match=said):
-        envs.parallel_env("2", ProcessConfig(**reading), cosim=cosim)
-
-
-@pytest.mark.parametrize("name", ["SingleA", "CoSim", "Pair", "CoSimPair"])
-def test_interpretations_of_another_type_are_refused(name):
-    make = gym.make_vec if "Pair" in name else gym.make
-    with pytest.raises(UserError, match="process = 3 is invalid"):
-        make(f"MiniRobots/{name}-v0", process=3)
-    with pytest.raises(UserError, match="process = 3 is invalid"):
-        envs.parallel_env("2", process=3)  # pyright: ignore[reportArgumentType]
+def test_native_rows_are_synchronous_environments(name, options, start, actions, outcomes):
+    make: Any = partial(gym.make_vec, f"MiniRobots/{name}-v0", num_envs=3, **options)
+    native, plain = make(), make(vectorization_mode="sync")
+    assert isinstance(native.unwrapped, RobotsVectorEnv | DriveVectorEnv)
+    assert isinstance(plain.unwrapped, SyncVectorEnv)
+    assert native.observation_space == plain.observation_space
+    assert native.action_space == plain.action_space
+    compare(native.reset(seed=5), plain.reset(seed=5))
+    native.reset(options={"starts": [[start]] * 3})
+    plain.reset(options={"starts": [start]})
+    found = set()
+    for action in actions:
+        ours = native.step(action)
+        compare(ours, plain.step(action))
+        found |= {*ours[4]["outcome"]}
+    assert found >= outcomes
+    native.close()
+    plain.close()
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("process", "cosim", "words"),
     [
-        ({"reset_mask": np.ones(4, dtype=bool)}, "reset_mask = .*; give one to each of the 2"),
-        ({"reset_mask": np.ones(2, dtype=int)}, r"reset_mask\[0\] = 1 is invalid: expected bool"),
-        ({"reset_mask": np.array(True)}, "reset_mask = .*; give one to each of the 2 boards"),
-        ({"starts": [[[4, 4], [9, 9]]]}, r"starts = .*; give one to each of the 2 boards"),
-        ({"starts": [[[4, 4]], [[9, 9]]]}, r"starts = .* are not cells; .* \(2, 2\)"),
+        ({"reward_per": "time"}, False, "reward_per = time has no effect .* grid"),
+        ({"partner_of_failed": "none"}, False, "partner_of_failed .* nothing is learnt"),
+        ({"step_limit": 5}, True, "step_limit = 5 has no effect in the co-simulation"),
+        ({"slip_probability": 0.1}, True, "slip_probability .* leave it at 0.0"),
+        ({"target_obstacle": "disk"}, True, "target_obstacle .* leave it at cell"),
+        (3, False, "process = 3 is invalid"),
+        (3, True, "process = 3 is invalid"),
+    ],
+)
+def test_interpretations_without_effect_are_refused(process, cosim, words):
+    config: Any = ProcessConfig(**process) if isinstance(process, dict) else process
+    with pytest.raises(UserError, match=words):
+        envs.parallel_env("2", config, cosim=cosim)
+    for make, name in ((gym.make, "SingleA"), (gym.make, "CoSim"), (gym.make_vec, "Pair")):
+        if cosim == (name == "CoSim"):
+            with pytest.raises(UserError, match=words):
+                make(f"MiniRobots/{name}-v0", process=config)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"reset_mask": np.ones(4, dtype=bool)}, "reset_mask = .* each of the 2 boards"),
+        ({"reset_mask": np.array(True)}, "reset_mask = .* each of the 2 boards"),
+        ({"reset_mask": np.ones(2, dtype=int)}, r"reset_mask\[0\] = 1 .*bool"),
+        ({"starts": [[[4, 4], [9, 9]]]}, r"starts = .* each of the 2 boards"),
+        ({"starts": [[[4, 4]], [[9, 9]]]}, r"starts = .* not cells; .* \(2, 2\)"),
         ({"start": [[3, 3], [9, 9]]}, "no option 'start'; choose from starts, reset"),
-        ({"starts": [[[4, 4], [9, 9]], [[1, 1], [2]]]}, "are not cells"),
-        ({"starts": np.full((2, 2, 2), 3.9)}, "are not cells; give whole numbers"),
-        ([7], "1 seeds; give one to each of the 2 boards"),
+        ({"starts": [[[4, 4], [9, 9]], [[1, 1], [2]]]}, "not cells"),
+        ({"starts": np.full((2, 2, 2), 3.9)}, "not cells; .* whole numbers"),
+        ({"starts": [[[9, 9], [20, 20]], [[3, 3], [4, 4]]]}, "touch"),
+        ({"starts": [[[40, 0], [0, 0]], [[3, 3], [9, 9]]]}, "off the 30 x 30 board"),
+        ({"starts": [[[15, 18], [0, 0]], [[3, 3], [9, 9]]]}, "target"),
+        ([7], "1 seeds; .* each of the 2 boards"),
         ([1, 2, 3], "3 seeds"),
-        ([1, -3], r"seed\[1\] = -3 is invalid: expected int >= 0"),
+        ([1, -3], r"seed\[1\] = -3 .*>= 0"),
     ],
 )
-def test_resets_of_another_number_of_boards_are_refused(options, said):
+def test_a_refused_reset_of_boards_on_the_grid_changes_nothing(options, words):
     """Options, or a list of seeds."""
-    arguments: Any = {"options": options} if isinstance(options, dict) else {"seed": options}
-    with pytest.raises(ConfigError, match=said):
-        RobotsVectorEnv(2, "2").reset(**arguments)
-
-
-def test_a_refused_reset_changes_nothing():
     env, other = RobotsVectorEnv(2, "2"), RobotsVectorEnv(2, "2")
-    assert np.array_equal(env.reset(seed=0)[0], other.reset(seed=0)[0])
-    touching = [[[9, 9], [20, 20]], [[3, 3], [4, 4]]]
-    with pytest.raises(ConfigError, match="touch"):
-        env.reset(seed=1, options={"starts": touching})
-    for _ in range(100):
-        a, b = env.step(np.zeros(4, dtype=int)), other.step(np.zeros(4, dtype=int))
-        assert np.array_equal(a[0], b[0])
+    compare(env.reset(seed=0), other.reset(seed=0))
+    arguments: Any = {"seed": 1, "options": options}
+    with pytest.raises(ConfigError, match=words):
+        env.reset(**(arguments if isinstance(options, dict) else {"seed": options}))
+    for _ in range(40):  # some boards begin again
+        compare(env.step(np.zeros(4, dtype=int)), other.step(np.zeros(4, dtype=int)))
 
 
-@pytest.mark.parametrize("make", [envs.NavigationEnv, envs.parallel_env, RobotsVectorEnv])
+@pytest.mark.parametrize("kind", [DriveVectorEnv, driven_rows])
+def test_a_refused_reset_of_boards_in_the_dynamics_changes_nothing(kind):
+    env, twin = kind(2), kind(2)
+    with pytest.raises(ConfigError, match="have not begun; reset all"):
+        env.reset(options={"reset_mask": [True, False]})
+    compare(env.reset(seed=0), twin.reset(seed=0))
+    drives = kind is DriveVectorEnv
+    starts = [[[0.1, 0.1, 0.0]], [[9, 9, 0]]] if drives else [[[5, 5]], [[99, 5]]]
+    for options in ({"starts": starts}, {"mu": [0.2]}, {"mu": 0.2}, {"mu": [0.2, -1.0]}):
+        with pytest.raises(UserError):
+            env.reset(options=options)
+    for seed in (1.5, [1], [1, 2.5], "ab", [1, -2]):
+        with pytest.raises(ConfigError, match="seed"):
+            env.reset(seed=seed)
+    actions = np.zeros_like(env.action_space.sample())
+    compare(env.step(actions), twin.step(actions))
+    # a reset of some seeds them alone
+    env.reset(seed=7, options={"reset_mask": [False, True]})
+    assert np.array_equal(env.reset()[0][0], twin.reset()[0][0])
+    env.close()
+    twin.close()
+
+
+def test_co_simulated_environments_begin_without_a_reset():
+    env = RobotsVectorEnv(2, "1a", cosim=True)
+    observations, *_, infos = env.step(np.zeros(2, dtype=int))
+    assert observations.shape == (2, 2)
+    assert list(infos["path_length"]) == [0.0, 0.0]
+    env.close()
+
+
+@pytest.mark.parametrize("make", MAKERS)
 def test_other_pictures_are_refused(make):
-    with pytest.raises(UserError, match=r"render_mode = 'human' .*choose one of ansi, rgb_array"):
+    with pytest.raises(UserError, match=r"render_mode = 'human' .* ansi, rgb_array"):
         make(render_mode="human")
 
 
@@ -286,18 +262,6 @@ def test_a_single_environment_is_reset_before_and_after_an_episode(cosim):
     env.close()
 
 
-def test_co_simulated_environments_begin_together():
-    env = RobotsVectorEnv(2, "1a", cosim=True)
-    with pytest.raises(ConfigError, match="have not begun; reset all"):
-        env.reset(options={"reset_mask": np.array([True, False])})
-    with pytest.raises(ConfigError, match="off the 30 x 30 board"):
-        env.reset(options={"starts": [[[0, 4]], [[40, 0]]]})
-    observations, *_, infos = env.step(np.zeros(2, dtype=int))  # begins
-    assert observations.shape == (2, 2)
-    assert list(infos["path_length"]) == [0.0, 0.0]
-    env.close()
-
-
 def test_a_reset_of_some_seeds_them_alone():
     """As Gymnasium's does: the boards that continue are not disturbed."""
     slippery = ProcessConfig(slip_probability=0.5)
@@ -312,100 +276,94 @@ def test_a_reset_of_some_seeds_them_alone():
             found.append(env.step(np.array([0, 0]))[0].tolist())
         return found
 
-    single = [lambda: envs.NavigationEnv("1a", slippery)] * 2
-    theirs = SyncVectorEnv(single, autoreset_mode=AutoresetMode.NEXT_STEP)
+    singles = [lambda: envs.NavigationEnv("1a", slippery)] * 2
+    theirs = SyncVectorEnv(singles, autoreset_mode=AutoresetMode.NEXT_STEP)
     assert paths(RobotsVectorEnv(2, "1a", slippery)) == paths(theirs)
-
-
-def test_vector_environment_restarts_some_and_takes_starts():
     env = RobotsVectorEnv(3, "1a")
     cells = np.array([[[4, 4]], [[5, 5]], [[6, 6]]])
-    seen, _ = env.reset(options={"starts": cells})
-    assert seen.tolist() == [[4, 4], [5, 5], [6, 6]]
+    assert env.reset(options={"starts": cells})[0].tolist() == cells.reshape(3, 2).tolist()
     env.step(np.array([0, 0, 0]))
-    seen, _ = env.reset(options={"starts": cells, "reset_mask": np.array([True, False, False])})
-    assert seen.tolist() == [[4, 4], [6, 5], [7, 6]]
+    some = {"starts": cells, "reset_mask": np.array([True, False, False])}
+    assert env.reset(options=some)[0].tolist() == [[4, 4], [6, 5], [7, 6]]
 
 
 def beginnings(env, count=20):
-    """Start cells of many episodes of a Gymnasium environment that is not seeded."""
-    return [env.reset()[0].tolist() for _ in range(count)]
-
-
-def test_environments_never_seeded_differ():
-    first, second = beginnings(gym.make(IDS[0])), beginnings(gym.make(IDS[0]))
-    assert first != second
-    assert len({tuple(cell) for cell in first}) > 1
-    several = gym.make_vec(IDS[1], num_envs=8, vectorization_mode="sync")
-    assert len({tuple(cell) for cell in several.reset()[0].tolist()}) > 1
-    pairs = [envs.parallel_env("4") for _ in range(8)]
-    assert len({str(pair.reset()[0]["robot_1"]) for pair in pairs}) > 1
-
-
-def test_entropy_of_an_environment_can_be_given_to_another():
-    env, again = envs.NavigationEnv("1b"), envs.NavigationEnv("1b")
-    first = env.reset()[0].tolist()
-    assert again.reset(seed=env.np_random_seed)[0].tolist() == first
-    assert beginnings(env) == beginnings(again)
-    many, same = RobotsVectorEnv(5, "1b"), RobotsVectorEnv(5, "1b")
-    assert np.array_equal(many.reset()[0], same.reset(seed=many.np_random_seed)[0])
-    assert same.np_random_seed == many.np_random_seed
+    """Observations at the start of many episodes of an environment that is not seeded."""
+    return [str(env.reset()[0]) for _ in range(count)]
 
 
 @pytest.mark.parametrize(
-    "make", [lambda: envs.NavigationEnv("1b"), lambda: RobotsVectorEnv(3, "1b")]
-)
-def test_a_reset_without_seed_goes_on_with_the_stream(make):
-    first, second = make(), make()
-    begun = [env.reset(seed=7)[0].tolist() for env in (first, second)]
-    assert begun[0] == begun[1]
-    cells = beginnings(first)
-    assert cells == beginnings(second)
-    assert any(cell != begun[0] for cell in cells)
-
-
-@pytest.mark.parametrize("action", [-1, 8, 1.5, None, [0], [[0], [1, 2]]])
-def test_actions_that_are_no_directions_are_refused(action):
-    env = envs.NavigationEnv("1a")
-    env.reset(options={"starts": [[5, 5]]})
-    with pytest.raises(ConfigError, match=r"not (a direction|directions); .*from 0 to 7"):
-        env.step(action)
-    assert env.step(0)[0].tolist() == [6, 5]
-
-
-@pytest.mark.parametrize(
-    ("actions", "message"),
+    "make",
     [
-        ([0, 8], "action 8 of robot_1 on board 1 is not a direction"),
-        ([-1, 0], "action -1 of robot_1 on board 0"),
-        ([0], "for each of the 2 robots"),
-        ([0.0, 1.0], "are not directions; choose one whole number"),
+        partial(gym.make, IDS[0]),
+        partial(gym.make_vec, IDS[1], num_envs=8, vectorization_mode="sync"),
+        partial(envs.parallel_env, "4"),
+        partial(RobotsVectorEnv, 8, "4"),
+        partial(envs.parallel_env, "2", cosim=True),
     ],
 )
-def test_vector_environment_names_the_one_with_a_wrong_action(actions, message):
-    env = RobotsVectorEnv(2, "1a")
-    env.reset(seed=0)
-    with pytest.raises(ConfigError, match=message):
-        env.step(np.array(actions))
+def test_environments_never_seeded_differ(make):
+    first, second = make(), make()
+    assert beginnings(first) != beginnings(second)
+    assert len({*beginnings(first)}) > 1
+    first.close()
+    second.close()
+
+
+def test_boards_never_seeded_differ_and_seeds_count_up():
+    assert len(np.unique(RobotsVectorEnv(8, "4").reset()[0].reshape(8, -1), axis=0)) > 4
+    observations = RobotsVectorEnv(3, "4").reset(seed=5)[0]
+    assert np.array_equal(RobotsVectorEnv(3, "4").reset(seed=[5, 6, 7])[0], observations)
+    assert np.array_equal(RobotsVectorEnv(2, "4").reset(seed=6)[0], observations[2:])
+
+
+@pytest.mark.parametrize("make", [partial(envs.NavigationEnv, "1b"), partial(RobotsVectorEnv, 3)])
+def test_entropy_can_be_given_to_another_and_a_reset_continues_the_stream(make):
+    env, again = make(), make()
+    entropy = env.np_random_seed
+    assert str(env.reset()[0]) == str(again.reset(seed=entropy)[0])
+    assert again.np_random_seed == entropy
+    begun = [str(each.reset(seed=7)[0]) for each in (env, again)]
+    assert begun[0] == begun[1]
+    starts = beginnings(env)
+    assert starts == beginnings(again)
+    assert {*starts} != {begun[0]}
 
 
 @pytest.mark.parametrize(
-    ("actions", "message"),
+    ("actions", "words"),
     [
+        *((action, "not (a direction|directions); .*0 to 7") for action in (-1, 8, 1.5, None, [0])),
+        ([[0], [1, 2]], "not directions; .*from 0 to 7"),
+        (np.array([0, 8]), "action 8 of robot_1 on board 1 is not a direction"),
+        (np.array([-1, 0]), "action -1 of robot_1 on board 0"),
+        (np.array([0]), "each of the 2 robots"),
+        (np.array([0.0, 1.0]), "action 0.0 of robot_1 on board 0 .* whole number"),
         ({"robot_1": 0}, "robot_2 has no action"),
         ({}, "robot_1 has no action"),
-        ({"robot_1": 0, "robot_2": 0, "robot_3": 0}, "robot_3 is not an agent; choose from robot"),
+        ({"robot_1": 0, "robot_2": 0, "robot_3": 0}, "robot_3 is not an agent; .* robot_1"),
         ({"robot_1": 0, "robot_2": 8}, "action 8 of robot_2 is not a direction"),
         ({"robot_1": 0, "robot_2": None}, "action None of robot_2"),
     ],
 )
-def test_every_agent_needs_an_action_and_nobody_else_has_one(actions, message):
-    env = envs.parallel_env("2")
-    env.reset(options={"starts": [[0, 29], [5, 5]]})
-    with pytest.raises(ConfigError, match=message):
+def test_a_refused_action_is_named_and_moves_no_robot(actions, words):
+    """Of a parallel environment (a dict), of boards (a list), and of one robot."""
+    starts, good = [[0, 29], [5, 5]], np.zeros(2, dtype=int)
+    if isinstance(actions, dict):
+        env: Any = envs.parallel_env("2")
+        env.reset(options={"starts": starts})
+        good = dict.fromkeys(env.agents, 0)
+    elif isinstance(actions, np.ndarray):
+        env = RobotsVectorEnv(2, "1a")
+        env.reset(options={"starts": [[start] for start in starts]})
+    else:
+        env, good = envs.NavigationEnv("1a"), 0
+        env.reset(options={"starts": starts[:1]})
+    with pytest.raises(ConfigError, match=words):
         env.step(actions)
-    observations, *_ = env.step({"robot_1": 0, "robot_2": 0})
-    assert [seen.tolist()[:2] for seen in observations.values()] == [[1, 29], [6, 5]]
+    observations = env.step(good)[0]
+    rows = observations.values() if isinstance(observations, dict) else np.atleast_2d(observations)
+    assert [each.tolist()[:2] for each in rows] == [[1, 29], [6, 5]][: len(rows)]
 
 
 def test_action_of_a_robot_that_has_arrived_is_ignored():
@@ -417,106 +375,55 @@ def test_action_of_a_robot_that_has_arrived_is_ignored():
         observations, *_ = env.step(action)
         assert list(observations) == ["robot_2"]
     assert observations["robot_2"].tolist()[:2] == [9, 5]
-    assert env._boards.scenes()[0][1][0] == pytest.approx([0.155, 0.185])
+    assert env.state()[:2].tolist() == [15, 18]
 
 
-def test_step_limit_truncates():
-    env = gym.make("MiniRobots/SingleA-v0", process=ProcessConfig(step_limit=2))
-    env.reset(options={"starts": [[5, 5]]})
-    assert env.step(0)[2:4] == (False, False)
-    _, _, terminated, truncated, info = env.step(0)
-    assert (terminated, truncated) == (False, True)
-    ended = {"outcome": TIMEOUT, "is_success": False, "active": False}
-    assert info == {**ended, "path_length": pytest.approx(2.0)}
-
-
-@pytest.mark.parametrize(
-    ("starts", "message"),
-    [
-        ([[40, 0], [0, 0]], "off the 30 x 30 board"),
-        ([[15, 18], [0, 0]], "target"),
-        ([[3, 3], [4, 4]], "touch"),
-        ([[3, 3]], r"of shape \(2, 2\)"),
-        ([[3.0, 3.0], [9.0, 9.0]], "whole numbers"),
-    ],
-)
-def test_unusable_starts_are_refused(starts, message):
-    with pytest.raises(ConfigError, match=message):
-        envs.parallel_env("2").reset(options={"starts": starts})
-
-
-def test_pictures_show_robots_targets_and_zone():
+def test_pictures_have_robots_targets_zone_and_obstacles():
+    doorway, scale = find_scenario("5-doorway"), 12
     env = envs.parallel_env("2", render_mode="ansi")
     env.reset(options={"starts": [[0, 29], [3, 0]]})
     lines = env.render().splitlines()
     assert [len(line) for line in lines] == [30] * 30
-    assert lines[0][0] == "1"
-    assert lines[29][3] == "2"
-    assert lines[29 - 18][15] == "a"
-    assert lines[29 - 12][15] == "b"
+    assert (lines[0][0], lines[29][3]) == ("1", "2")
+    assert (lines[29 - 18][15], lines[29 - 12][15]) == ("a", "b")
     assert sum(line.count(":") for line in lines) == 47
+    env = envs.parallel_env(doorway, render_mode="ansi")
+    env.reset(seed=0)
+    lines = env.render().splitlines()[::-1]
+    dark = {(x, y) for y, line in enumerate(lines) for x, cell in enumerate(line) if cell == "#"}
+    assert dark == set(doorway.obstacles)
     env = envs.parallel_env("2", render_mode="rgb_array")
     env.reset(options={"starts": [[5, 29], [3, 0]]})
     picture = env.render()
     assert picture.shape == (360, 360, 3)
-    scale = 12
     top_left = picture[: 4 * scale, 2 * scale : 9 * scale].reshape(-1, 3)
     assert len(np.unique(top_left, axis=0)) > 2
     assert (picture[11 * scale + 5, 15 * scale + 5] == (0, 114, 178)).all()
-
-
-def test_pictures_show_obstacles():
-    scenario, scale = find_scenario("5-doorway"), 12
-    env = envs.parallel_env(scenario, render_mode="ansi")
-    env.reset(seed=0)
-    lines = env.render().splitlines()[::-1]
-    dark = {(x, y) for y, line in enumerate(lines) for x, cell in enumerate(line) if cell == "#"}
-    assert dark == set(scenario.obstacles)
-    env = envs.parallel_env(scenario, render_mode="rgb_array")
+    env = envs.parallel_env(doorway, render_mode="rgb_array")
     env.reset(seed=0)
     middles = env.render()[::-1][scale // 2 :: scale, scale // 2 :: scale]
     rows, columns = np.nonzero((middles == 90).all(axis=2))
-    assert set(zip(columns.tolist(), rows.tolist(), strict=True)) == set(scenario.obstacles)
+    assert set(zip(columns.tolist(), rows.tolist(), strict=True)) == set(doorway.obstacles)
 
 
 def test_cosim_has_the_same_interface():
     env = gym.make("MiniRobots/CoSim-v0", render_mode="rgb_array", decision="period")
     check_env(env.unwrapped, skip_render_check=True)
-    paths, seen = [], np.zeros(2)
-    for _ in range(2):
-        seen, _ = env.reset(seed=3, options={"starts": [[15, 29]]})
-        assert seen.tolist() == [15, 29]
-        for _ in range(4):
-            seen, reward, _, _, info = env.step(6)
-            assert reward == -1.0  # a cell takes some steps of 2 s, each of which costs 1
-            paths.append((seen.tolist(), info["path_length"]))
-    assert paths[:4] == paths[4:]
-    assert min(length for _, length in paths) > 0.1
-    assert seen[0] == 15
-    assert 26 <= seen[1] < 29
-    picture = env.render()
-    assert isinstance(picture, np.ndarray)
+    observation, _ = env.reset(seed=3, options={"starts": [[15, 29]]})
+    assert observation.tolist() == [15, 29]
+    for _ in range(4):
+        observation, reward, _, _, info = env.step(6)
+        assert reward == -1.0  # a cell takes some steps of 2 s, each of which costs 1
+        assert info["path_length"] > 0.1
+    assert observation[0] == 15
+    assert 26 <= observation[1] < 29
+    picture: Any = env.render()
     assert picture.shape == (360, 360, 3)
     env.close()
 
 
-def test_cosim_pair_is_a_parallel_environment():
-    env, other = (envs.parallel_env("2", cosim=True) for _ in range(2))
-    first, second = (
-        [pair.reset()[0]["robot_1"].tolist() for _ in range(5)] for pair in (env, other)
-    )
-    assert first != second
-    other.close()
-    assert isinstance(env, NavigationParallelEnv)
-    observations, _ = env.reset(seed=0, options={"starts": [[15, 29], [15, 0]]})
-    assert observations["robot_1"].tolist() == [15, 29, 2, 1]
-    _, rewards, terminations, _, _ = env.step({"robot_1": 6, "robot_2": 2})
-    assert set(rewards) == {"robot_1", "robot_2"}
-    assert not any(terminations.values())
-    env.close()
-
-
 WALL = Scenario("wall", "", ((8, 14),), (((8, 5),),), obstacles=tuple((x, 9) for x in range(4, 12)))
+ROW = Scenario("row", "", ((5, 20), (11, 20), (25, 20)), (((5, 5),), ((11, 5),), ((25, 5),)))
 
 
 @pytest.mark.parametrize("cosim", [False, True])
@@ -536,9 +443,8 @@ def test_a_wall_ends_an_episode_as_a_collision(cosim):
 
 @pytest.mark.parametrize("cosim", [False, True])
 def test_a_bystander_of_a_collision_is_truncated_without_penalty(cosim):
-    row = Scenario("row", "", ((5, 20), (11, 20), (25, 20)), (((5, 5),), ((11, 5),), ((25, 5),)))
-    env = envs.parallel_env(row, cosim=cosim)
-    env.reset(seed=0)
+    env = envs.parallel_env(ROW, cosim=cosim)
+    assert env.reset(seed=0)[0]["robot_1"].tolist() == [5, 5, 0, 1]
     rewards, terminations, truncations, infos = {}, {}, {}, {}
     while env.agents:
         _, rewards, terminations, truncations, infos = env.step(

@@ -1,6 +1,7 @@
 """Many boards with several robots: the process of single environments, by rows."""
 
 import json
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from agent import envs
-from agent.envs.vector import RobotsVectorEnv
+from agent.envs.navigation import RobotsVectorEnv
 from agent.mdp.config import ProcessConfig
 from benchmarks import __main__ as benchmarks
 from benchmarks import envs as benchmark
@@ -19,34 +20,6 @@ from cosim.model.scenario import Scenario
 FOUR_STARTS = ((10, 10), (12, 8)), ((19, 10), (17, 8)), ((10, 19), (12, 21)), ((19, 19), (17, 21))
 FOUR = Scenario("four", "", ((5, 5), (24, 5), (5, 24), (24, 24)), FOUR_STARTS)
 BOARDS = 5
-
-
-class Singles:
-    """K parallel environments, one after the other: rows of arrays as many boards give them."""
-
-    def __init__(self, scenario, config, seed, starts):
-        self.envs = [envs.parallel_env(scenario, config) for _ in range(BOARDS)]
-        for m, env in enumerate(self.envs):
-            env.reset(seed=seed + m)
-        if starts is not None:
-            for env, cells in zip(self.envs, starts, strict=True):
-                env.reset(options={"starts": cells})
-
-    def step(self, actions):
-        """Observation, reward, ends and info of every robot that takes part; else None."""
-        rows = []
-        for env, joint in zip(self.envs, actions, strict=True):
-            begins = not env.agents
-            live = list(env.agents) or env.possible_agents
-            if begins:
-                seen, infos = env.reset()
-                results = (seen, dict.fromkeys(live, 0.0), *[dict.fromkeys(live, False)] * 2, infos)
-            else:
-                results = env.step(dict(zip(env.possible_agents, joint, strict=True)))
-            for agent in env.possible_agents:
-                row = tuple(part[agent] for part in results) if agent in live else None
-                rows.append((row, agent in env.agents))
-        return rows
 
 
 # Next to the targets on some boards, so that robots wait for others; drawn for the rest.
@@ -63,30 +36,41 @@ def test_boards_are_single_environments_bit_for_bit(scenario, near, slip):
     config = ProcessConfig(slip_probability=slip, step_limit=25, features=("x", "y", "d", "g", "b"))
     starts = near and [near] * BOARDS
     rows = RobotsVectorEnv(BOARDS, scenario, config, ends="own")
-    singles = Singles(scenario, config, 3, starts)
     robots = rows.scenario.robots
     rows.reset(seed=3)
     if starts is not None:
         rows.reset(options={"starts": np.array(starts)})
-    random = np.random.default_rng(0)
+    # towards the targets that are near, and then at random
+    joints = np.random.default_rng(0).integers(8, size=(150, BOARDS, robots))
+    joints[:2] = 6
+    steps = [rows.step(joint.ravel()) for joint in joints]
     ends = set()
-    for step in range(150):
-        # towards the targets that are near, and then at random
-        joint = np.full((BOARDS, robots), 6) if step < 2 else random.integers(8, size=(5, robots))
-        by_row = rows.step(joint.ravel())
-        for k, (single, active) in enumerate(singles.step(joint)):
-            seen, reward, terminated, truncated, _ = by_row
-            infos = {key: values[k] for key, values in by_row[4].items() if key[0] != "_"}
-            ours = (seen[k].tolist(), reward[k], terminated[k], truncated[k])
-            assert infos["active"] == active
-            if single is None:
-                assert ours[1:] == (0.0, False, False)
-                ends.add("waits")
-                continue
-            assert ours == (single[0].tolist(), *single[1:4])
-            known = {k: v for k, v in single[4].items() if k != "action_mask"}
-            assert infos == known | {"active": active}
-            ends.add(infos["outcome"])
+    for board in range(BOARDS):
+        env = envs.parallel_env(scenario, config)
+        env.reset(seed=3 + board)
+        if starts is not None:
+            env.reset(options={"starts": near})
+        for joint, (*arrays, infos) in zip(joints[:, board], steps, strict=True):
+            if live := list(env.agents):
+                results: Any = env.step(dict(zip(env.possible_agents, joint, strict=True)))
+            else:
+                live = env.possible_agents
+                observations, begun = env.reset()
+                still = dict.fromkeys(live, 0.0)
+                results = observations, still, still, still, begun
+            for k, agent in enumerate(env.possible_agents, board * robots):
+                observation, *ours = (array[k].tolist() for array in arrays)
+                active = infos["active"][k]
+                assert active == (agent in env.agents)
+                if agent not in live:
+                    assert ours == [0.0, False, False]
+                    ends.add("waits")
+                    continue
+                own, *single, info = (values[agent] for values in results)
+                assert [observation, *ours] == [own.tolist(), *single]
+                theirs = {name: value for name, value in info.items() if name != "action_mask"}
+                assert theirs | {"active": active} == {name: infos[name][k] for name in theirs}
+                ends.add(theirs["outcome"])
     assert ends >= {RUNNING, OUT_OF_BOARD, TIMEOUT} | ({"waits"} if starts else set())
 
 
@@ -96,16 +80,15 @@ def test_rows_are_robots_as_gymnasium_expects_them():
     assert env.num_envs == 6
     assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
     assert env.single_observation_space == gym.spaces.MultiDiscrete([30, 30, 3, 3])
-    seen, infos = env.reset(seed=0)
-    assert seen in env.observation_space
+    env = gym.wrappers.vector.RecordEpisodeStatistics(env)
+    first, infos = env.reset(seed=0)
+    assert first in env.observation_space
     assert infos["active"].all()
-    wrapped = gym.wrappers.vector.RecordEpisodeStatistics(env)
-    wrapped.reset(seed=0)
-    returns = np.zeros(6)
-    wrapped.action_space.seed(0)
+    before, returns = first.copy(), np.zeros(6)
+    env.action_space.seed(0)
     for _ in range(200):
-        seen, rewards, terminated, truncated, infos = wrapped.step(wrapped.action_space.sample())
-        assert seen in env.observation_space
+        rows, rewards, terminated, truncated, infos = env.step(env.action_space.sample())
+        assert rows in env.observation_space
         returns += rewards
         ended = terminated | truncated
         if ended.any():
@@ -113,46 +96,32 @@ def test_rows_are_robots_as_gymnasium_expects_them():
             break
     else:
         raise AssertionError("no episode ended")
+    assert np.array_equal(first, before)  # a copy
 
 
-def test_a_robot_that_has_arrived_waits_for_its_board():
-    env = RobotsVectorEnv(2, "2", ProcessConfig(step_limit=3), ends="own")
-    starts = np.array([[[15, 19], [5, 5]], [[3, 3], [25, 25]]])
-    env.reset(seed=0, options={"starts": starts})
-    down_and_right = np.array([6, 0, 0, 0])
-    seen, rewards, terminated, truncated, infos = env.step(down_and_right)
-    assert rewards.tolist() == [100.0, -1.0, -1.0, -1.0]
-    assert terminated.tolist() == [True, False, False, False]
-    assert infos["active"].tolist() == [False, True, True, True]
-    seen, rewards, terminated, truncated, infos = env.step(down_and_right)
-    assert rewards.tolist() == [0.0, -1.0, -1.0, -1.0]
-    assert not (terminated | truncated).any()
-    assert seen[0, :2].tolist() == [15, 18]
-    *_, terminated, truncated, infos = env.step(down_and_right)
-    assert truncated.tolist() == [False, True, True, True]
-    assert not infos["active"].any()
-    assert set(infos["outcome"]) == {TIMEOUT}
-    seen, rewards, terminated, truncated, infos = env.step(down_and_right)
-    assert infos["active"].all()
-    assert not (terminated | truncated).any()
-    assert rewards.tolist() == infos["path_length"].tolist() == [0.0] * 4
-    assert {seen[0, 1], seen[1, 1]} == {0, 29}
-
-
-def test_observations_are_copies():
-    env = RobotsVectorEnv(2, "2")
-    first, _ = env.reset(seed=0)
-    assert not np.array_equal(first, env.step(np.zeros(4, dtype=int))[0])
-
-
-def test_boards_never_seeded_differ_and_seeds_count_up():
-    for _ in range(3):
-        rows = RobotsVectorEnv(8, "4").reset()[0].reshape(8, -1)
-        assert len(np.unique(rows, axis=0)) > 4
-        assert not np.array_equal(rows, RobotsVectorEnv(8, "4").reset()[0].reshape(8, -1))
-    seen = RobotsVectorEnv(3, "4").reset(seed=5)[0]
-    assert np.array_equal(RobotsVectorEnv(3, "4").reset(seed=[5, 6, 7])[0], seen)
-    assert np.array_equal(RobotsVectorEnv(2, "4").reset(seed=6)[0], seen[2:])
+@pytest.mark.parametrize("ends", ["own", "together"])
+def test_a_robot_that_has_arrived_waits_for_its_board(ends):
+    config = ProcessConfig(step_limit=3)
+    env = RobotsVectorEnv(2, "2", config, ends=ends, render_mode="rgb_array")
+    env.reset(seed=0, options={"starts": [[[15, 19], [5, 5]], [[3, 3], [25, 25]]]})
+    pictures = env.render()
+    assert pictures is not None
+    assert len(pictures) == 4
+    steps = [env.step(np.array([6, 0, 0, 0])) for _ in range(4)]  # the last begins again
+    observations, rewards, terminated, truncated, infos = zip(*steps, strict=True)
+    first, others, nothing = [True, False, False, False], [False, True, True, True], [False] * 4
+    waits, gone = [0.0, -1.0, -1.0, -1.0], [0.0] * 4
+    assert [row.tolist() for row in rewards] == [[100.0, -1.0, -1.0, -1.0], waits, waits, gone]
+    own = [first, nothing, nothing, nothing]
+    together = [nothing, nothing, first, nothing]
+    assert [row.tolist() for row in terminated] == (own if ends == "own" else together)
+    assert [row.tolist() for row in truncated] == [nothing, nothing, others, nothing]
+    active = [info["active"].tolist() for info in infos]
+    assert active == [others, others, nothing, [True] * 4]
+    assert observations[1][0, :2].tolist() == [15, 18]
+    assert set(infos[2]["outcome"]) == {TIMEOUT}
+    assert infos[3]["path_length"].tolist() == gone
+    assert {observations[3][0, 1], observations[3][1, 1]} == {0, 29}
 
 
 def test_a_single_environment_of_a_pair_names_the_one_to_use():
@@ -167,8 +136,7 @@ def test_benchmark_prints_the_ratio_of_its_two_rates(monkeypatch, command):
     monkeypatch.setattr(benchmark, "DYNAMICS", one)
     done = command(benchmarks, "envs", "--json", "--repeats", 1, "--boards", 64)
     figures = json.loads(done.stdout.splitlines()[-1])
-    assert figures["ratio_to_parallel_env"] == pytest.approx(
-        figures["agent_steps_per_s"] / figures["parallel_agent_steps_per_s"]
-    )
-    assert figures["ratio_to_parallel_env"] > 5.0
+    ratio = figures["agent_steps_per_s"] / figures["parallel_agent_steps_per_s"]
+    assert figures["ratio_to_parallel_env"] == pytest.approx(ratio)
+    assert ratio > 5.0
     assert figures["drive_1_robot_s_per_s"] > 1.0

@@ -1,8 +1,9 @@
-"""Copies, saved states and closed environments: the same bits, or a refusal."""
+"""Copies, saved states, closed environments and processes; options of the dynamics."""
 
 import copy
 import multiprocessing
 import pickle
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -11,18 +12,19 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from agent import envs
 from agent.envs.drive import DriveEnv, DriveVectorEnv
-from agent.envs.dynamics import CoSimBoards
-from agent.envs.vector import RobotsVectorEnv
+from agent.envs.navigation import RobotsVectorEnv
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from cosim.fmi.fmu import FmuError
+from cosim.model.config import CoSimConfig
 from cosim.model.outcome import TIMEOUT
 from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+from cosim.simulation.batch import Batch
 
 MAKERS = {
     "single grid": lambda: envs.NavigationEnv("1a", ProcessConfig(slip_probability=0.3)),
@@ -34,6 +36,7 @@ MAKERS = {
     "drive": lambda: DriveEnv(observe="estimated", context=True),
     "drive vector": lambda: DriveVectorEnv(2, "2", worlds=envs.ROBUST_WORLDS),
 }
+both = pytest.mark.parametrize("make", [gym.make, partial(gym.make_vec, num_envs=1)])
 
 
 def step(env, action=2):
@@ -63,7 +66,7 @@ def begin(env):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", MAKERS)
-def test_copies_pickles_and_restored_states_go_on_with_the_same_bits(name):
+def test_copies_pickles_and_restored_states_continue_with_the_same_bits(name):
     env = MAKERS[name]()
     begin(env)
     step(env)
@@ -77,55 +80,69 @@ def test_copies_pickles_and_restored_states_go_on_with_the_same_bits(name):
     assert len(set(expected)) == 3  # they move
 
 
+def test_a_state_has_the_agents_that_remain():
+    env = envs.parallel_env("2")
+    env.reset(options={"starts": [[15, 19], [5, 5]]})
+    begun = env.get_state()
+    env.step({"robot_1": 6, "robot_2": 0})
+    arrived = env.get_state()
+    for state, agents in ((begun, ["robot_1", "robot_2"]), (arrived, ["robot_2"])):
+        env.set_state(state)
+        assert env.agents == agents
+
+
 @pytest.mark.parametrize("name", MAKERS)
 def test_a_closed_environment_is_not_used_but_can_be_reset(name):
     env = MAKERS[name]()
     first = repr(env.reset(seed=1))
     env.close()
     env.close()
-    with pytest.raises(ConfigError, match="closed; call reset"):
-        step(env)
-    for method in (env.get_state, getattr(env, "render", env.get_state)):
+    for use in (partial(step, env), env.get_state, partial(env.set_state, {}), env.render):
         with pytest.raises(ConfigError, match="closed; call reset"):
-            method()
+            use()
     assert repr(env.reset(seed=1)) == first
     step(env)
     env.close()
 
 
 @pytest.mark.parametrize(
-    ("make", "other"),
+    ("make", "other", "words"),
     [
-        (envs.NavigationEnv, {"scenario": "1b"}),
-        (envs.NavigationEnv, {"process": ProcessConfig(slip_probability=0.3)}),
-        (partial(envs.NavigationEnv, cosim=True), {"speed": 2.0}),
-        (DriveEnv, {"observe": "estimated"}),
-        (DriveEnv, {"control_interval": 0.2}),
-        (lambda boards=2: RobotsVectorEnv(boards, "2"), {"boards": 3}),
-        (lambda scenario="2": RobotsVectorEnv(2, scenario), {"scenario": "4-cross"}),
+        (envs.NavigationEnv, {"scenario": "1b"}, "this scenario and these options"),
+        (envs.NavigationEnv, {"process": ProcessConfig(slip_probability=0.3)}, "these options"),
+        (partial(envs.NavigationEnv, cosim=True), {"speed": 2.0}, "these options"),
+        (DriveEnv, {"observe": "estimated"}, "these options"),
+        (DriveEnv, {"control_interval": 0.2}, "these options"),
+        (lambda boards=2: RobotsVectorEnv(boards, "2"), {"boards": 3}, "3 boards .* not fit 2"),
+        (lambda boards=2: DriveVectorEnv(boards), {"boards": 3}, "3 boards .* not fit 2"),
+        (lambda scenario="2": RobotsVectorEnv(2, scenario), {"scenario": "4-cross"}, "of 4 robots"),
     ],
 )
-def test_states_of_environments_with_other_options_are_refused(make, other):
-    env, different = make(), make(**other)
-    different.reset(seed=0)
-    env.reset(seed=0)
-    before = env._seen()
-    said = r"with this scenario and these options|\d boards of \d robots does not fit 2 of 2"
-    with pytest.raises(ConfigError, match=said):
+def test_states_of_environments_with_other_options_are_refused(make, other, words):
+    env, twin, different = make(), make(), make(**other)
+    for each in (env, twin, different):
+        each.reset(seed=0)
+    with pytest.raises(ConfigError, match=words):
         env.set_state(different.get_state())
-    assert np.array_equal(env._seen(), before)
-    env.close()
-    different.close()
+    for state in ({}, None):
+        with pytest.raises(ConfigError, match="not a state of this kind"):
+            env.set_state(state)
+    assert step(env) == step(twin)
+    for each in (env, twin, different):
+        each.close()
 
 
-def test_an_fmu_that_cannot_save_its_state_is_named(monkeypatch):
-    env = MAKERS["single dynamics"]()
-    env.reset(seed=0)
-    motor = env._boards._batch._motors.array
-    monkeypatch.setattr(motor.fmu.interface, "canSerializeFMUstate", False)
-    with pytest.raises(FmuError, match=r"fmu cannot save its state.*canSerializeFMUState"):
-        copy.deepcopy(env)
-    env.close()
+def test_an_fmu_that_cannot_save_its_state_is_named(array_fmu, tmp_path):
+    path = tmp_path / "stateless.fmu"
+    with zipfile.ZipFile(array_fmu) as archive, zipfile.ZipFile(path, "w") as edited:
+        for name in archive.namelist():
+            content = archive.read(name).replace(b'canSerializeFMUState="true"', b"")
+            edited.writestr(name, content)
+    batch = Batch(path, CoSimConfig(), 1, 1)
+    batch.begin(0, find_scenario("1a"), ((5, 5),), np.random.SeedSequence(0))
+    with pytest.raises(FmuError, match=r"stateless.fmu cannot save .*canSerializeFMUState"):
+        copy.deepcopy(batch)
+    batch.close()
 
 
 def first_step(seed):
@@ -154,87 +171,60 @@ def test_environments_work_in_forked_vectors_and_threads():
     env.close()
 
 
-def test_a_row_of_a_pair_ends_once_per_episode_and_has_a_picture():
-    starts = np.array([[[15, 20], [3, 3]]])
-    env = gym.make_vec(
-        "MiniRobots/Pair-v0",
-        num_envs=1,
-        process=ProcessConfig(step_limit=6),
-        render_mode="rgb_array",
-    )
-    env = RecordEpisodeStatistics(env)
-    env.reset(options={"starts": starts})
-    pictures = env.render()
-    assert pictures is not None
-    assert len(pictures) == env.num_envs
-    lengths = []
-    for _ in range(14):  # two episodes of 6, of which the first robot arrives after one or two
-        *_, ends, cuts, infos = env.step(np.array([6, 2]))
-        if "episode" in infos:
-            lengths.append(infos["episode"]["l"].tolist())
-            assert (ends | cuts).all()
-        else:
-            assert not (ends | cuts).any()
-    env.close()
-    assert all(row == [row[0]] * 2 for row in lengths)
-    assert len(lengths) >= 2
-    assert lengths[0] == [6, 6]
-
-
 def test_an_action_of_the_dynamics_counts_whatever_it_is():
     """A robot under way took no notice of every second action."""
-    seen = {}
+    cells = {}
     for second in (6, 2):
         env = gym.make("MiniRobots/CoSim-v0", time_limit=20.0)
         env.reset(seed=0, options={"starts": [[15, 25]]})
         rows = [env.step(action) for action in (6, second)]
         assert all(row[4]["active"] for row in rows)
         assert rows[0][1] == -2.0  # RL steps that the move took
-        seen[second] = rows[-1][0].tolist()
+        cells[second] = rows[-1][0].tolist()
         env.close()
-    assert seen == {6: [15, 23], 2: [15, 25]}
+    assert cells == {6: [15, 23], 2: [15, 25]}
 
 
 def test_physics_are_options_of_environments():
-    env = envs.parallel_env("1a", cosim=True, decision="period", time_limit=2.0)
-    boards = env._boards
-    assert isinstance(boards, CoSimBoards)
-    env.reset(seed=0, options={"mu": 0.3, "targets": [[3, 3]]})
-    running = boards._episodes()[0]
-    assert (running.config.robot.mu, running.scenario.targets) == (0.3, ((3, 3),))
-    *_, truncated, infos = env.step({"robot_1": 0})
-    assert (truncated["robot_1"], infos["robot_1"]["outcome"]) == (True, TIMEOUT)
-    env.reset(seed=0)
-    assert boards._episodes()[0].config.robot.mu == 0.15
+    options: Any = {"decision": "period", "time_limit": 4.0, "render_mode": "ansi"}
+    env = envs.parallel_env("1a", cosim=True, **options)
+    lengths_cm = []
+    for episode in ({}, {"mu": 0.3, "targets": [[3, 3]]}, {}):
+        env.reset(seed=0, options={"starts": [[9, 9]], **episode})
+        assert (env.render().splitlines()[29 - 3][3] == "a") == bool(episode)
+        assert not any(env.step({"robot_1": 0})[3].values())
+        *_, truncated, infos = env.step({"robot_1": 0})
+        assert (truncated["robot_1"], infos["robot_1"]["outcome"]) == (True, TIMEOUT)
+        lengths_cm.append(infos["robot_1"]["path_length"])
+    assert lengths_cm[0] == lengths_cm[2] != lengths_cm[1]  # for one episode alone
     env.close()
-    with pytest.raises(
-        ConfigError, match=r"option friction is unknown; choose one of world, worlds, .* mu,"
+
+
+@both
+def test_unusable_options_are_refused(make):
+    for name, options, words in (
+        ("CoSim", {"friction": 0.2}, "friction is unknown; choose one of world, worlds, .* mu,"),
+        ("SingleA", {"mu": 0.2}, "mu has no effect on the grid"),
+        ("SingleA", {"decision": "period"}, "decision has no effect on the grid"),
+        ("CoSim", {"worlds": {"mu": (0.1, 0.2)}}, r"give agent\.envs\.WorldRange"),
     ):
-        gym.make("MiniRobots/CoSim-v0", friction=0.2)
-    makers: Any = gym.make, gym.make_vec
-    for make in makers:
-        for name, value in (("mu", 0.2), ("decision", "period")):
-            with pytest.raises(ConfigError, match=f"{name} has no effect on the grid"):
-                make("MiniRobots/SingleA-v0", **{name: value})
+        with pytest.raises(UserError, match=words):
+            make(f"MiniRobots/{name}-v0", **options)
     with pytest.raises(ConfigError, match=r"decision = arrival .*"):
         gym.make_vec("MiniRobots/CoSim-v0", decision="arrival")
 
 
 def test_worlds_are_drawn_with_the_seed():
-    env = RobotsVectorEnv(2, "1a", cosim=True, worlds=envs.WorldRange(mu=(0.1, 0.12)))
-    boards: Any = env._boards
+    env = RobotsVectorEnv(2, "1a", cosim=True, worlds=envs.WorldRange(mu=(0.1, 0.26)))
 
-    def drawn(seed):
-        env.reset(seed=seed)
-        return [episode.config for episode in boards._batch.episodes]
+    def lengths_cm(seed):
+        env.reset(seed=seed, options={"starts": [[[9, 9]], [[9, 9]]]})
+        return env.step(np.array([0, 0]))[4]["path_length"].tolist()
 
-    first = drawn(0)
-    assert first == drawn(0)
-    assert first[0] != first[1]
-    assert all(0.1 <= config.robot.mu <= 0.12 for config in first)
+    first = lengths_cm(0)
+    assert first == lengths_cm(0)
+    assert len({*first, *lengths_cm(7)}) == 4
     env.close()
-    with pytest.raises(UserError, match=r"give agent\.envs\.WorldRange"):
-        RobotsVectorEnv(1, "1a", cosim=True, worlds={"mu": (0.1, 0.2)})
 
 
 def test_a_shield_is_for_the_world_that_it_was_measured_in():
@@ -246,13 +236,19 @@ def test_a_shield_is_for_the_world_that_it_was_measured_in():
     env.close()
 
 
-@pytest.mark.parametrize("make", [gym.make, lambda *a, **k: gym.make_vec(*a, num_envs=1, **k)])
-def test_time_limits_are_those_of_gymnasium(make):
-    env = make("MiniRobots/SingleA-v0", max_episode_steps=3)
+@both
+@pytest.mark.parametrize(
+    "limit", [{"max_episode_steps": 3}, {"process": ProcessConfig(step_limit=3)}]
+)
+def test_limits_of_steps_truncate(make, limit):
+    env = make("MiniRobots/SingleA-v0", **limit)
     many = isinstance(env, gym.vector.VectorEnv)
     env.reset(options={"starts": [[[9, 9]]] if many else [[9, 9]]})
-    cut = [env.step(np.array([0]) if many else 0)[3] for _ in range(3)]
-    assert [bool(one) for one in cut] == [False, False, True]
+    steps = [env.step(np.array([0]) if many else 0) for _ in range(3)]
+    assert [(bool(row[2]), bool(row[3])) for row in steps] == [(False, False)] * 2 + [(False, True)]
+    ended = {"outcome": TIMEOUT, "is_success": False, "active": False, "path_length": 3.0}
+    if "process" in limit:  # a single environment has Gymnasium's own limit else
+        assert {name: np.ravel(steps[-1][4][name])[0] for name in ended} == pytest.approx(ended)
     assert gym.spec("MiniRobots/CoSim-v0").max_episode_steps == 300
 
 
@@ -267,20 +263,24 @@ def test_environments_can_be_made_again():
 @pytest.mark.parametrize("cosim", [False, True])
 def test_starts_that_all_touch_are_refused(cosim):
     touching = Scenario("touching", "", ((5, 5), (20, 20)), (((9, 9),), ((10, 9),)))
-    with pytest.raises((UserError, ConfigError), match="hardly any combination of starts"):
+    with pytest.raises(UserError, match="hardly any combination of starts"):
         envs.parallel_env(touching, cosim=cosim).reset(seed=0)
 
 
-@pytest.mark.parametrize("name", ["CoSim", "Drive"])
-@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
-def test_environments_are_in_the_world_of_a_scenario_file(make, name, tmp_path):
+@both
+def test_environments_are_in_the_world_of_a_scenario_file(make, tmp_path):
     path = tmp_path / "rough.toml"
     path.write_text('[[robots]]\ntarget = [15, 18]\nstarts = "top"\n[world]\nmu = 0.2\n')
-    env = make(f"MiniRobots/{name}-v0", scenario=str(path))
-    env.reset(seed=0)
-    boards: Any = env.unwrapped._boards
-    assert boards._episodes()[0].config.robot.mu == 0.2
-    env.close()
+    drive = make("MiniRobots/Drive-v0", scenario=str(path), context=True)
+    assert np.ravel(drive.reset(seed=0)[0])[13] == pytest.approx(0.2)
+    drive.close()
+    steps = []
+    for options in ({"scenario": str(path)}, {"mu": 0.2}, {}):
+        env = make("MiniRobots/CoSim-v0", **options)
+        env.reset(seed=0)
+        steps.append(step(env))
+        env.close()
+    assert steps[0] == steps[1] != steps[2]
     with pytest.raises(UserError, match="world"):
         make("MiniRobots/SingleA-v0", scenario=str(path))
 

@@ -1,0 +1,249 @@
+"""Bases of the environments, which step boards: one robot, and rows of robots."""
+
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple, get_args
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from agent.envs.boards import checked_options
+from agent.envs.rendering import RenderMode, picture
+from cosim.base.arguments import ConfigError, require_one_of, validate_argument
+from cosim.base.errors import UserError, shorten
+from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
+
+Ends = Literal["together", "own"]
+_NAMES = np.array(BY_RANK, dtype=object)
+
+
+class Rows(NamedTuple):
+    """Results of a step by robots, those of a board one after the other: R = K · N rows.
+
+    As of `agent.envs.boards.Results`; infos are (R,) arrays by name.
+    """
+
+    observations: np.ndarray
+    rewards: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    infos: dict[str, np.ndarray]
+
+
+class View:
+    """Base of the environments: boards that are stepped, pictured, saved and closed.
+
+    Args:
+        count: boards.
+        scenario, arguments, options: of the boards, see `_boards_of`.
+        render_mode: "ansi", "rgb_array" or None.
+        outcome_names: whether infos have `outcome_name`, the text of the code `outcome`.
+
+    Attributes:
+        closed: whether `close` has been called since the last `reset`.
+    """
+
+    metadata: Any = {"render_modes": [*get_args(RenderMode)], "render_fps": 10}  # noqa: RUF012
+    closed: bool = False
+    _boards_of: Any  # makes the boards
+
+    def __init__(
+        self,
+        count: int,
+        scenario: str | Scenario,
+        *arguments: Any,
+        render_mode: str | None = None,
+        outcome_names: bool = False,
+        **options: Any,
+    ) -> None:
+        self._outcome_names = validate_argument("outcome_names", outcome_names, bool)
+        self.render_mode = validate_argument("render_mode", render_mode, RenderMode | None)
+        self._boards = self._boards_of(count, scenario, *arguments, **options)
+
+    def _begin(self, options: dict[str, Any] | None, seed: Any) -> Rows:
+        """Begin episodes, see `EnvBoards.reset`."""
+        self._boards.reset(options, seed)
+        self.closed = False
+        return self._rows()
+
+    def _step(self, actions: Any) -> Rows:
+        """Let K · N robots take their actions."""
+        self._require_open()
+        self._boards.step(self._boards.joint(actions))
+        return self._rows()
+
+    def _rows(self) -> Rows:
+        arrays, robots = self._boards.arrays, self._boards.shape[1]
+        ranks = np.repeat(arrays.outcomes, robots)
+        infos = {
+            "outcome": ranks,
+            "is_success": ranks == SUCCESS,
+            "path_length": self._boards.path_length_cm().ravel(),
+            "active": arrays.active.flatten(),
+        }
+        if self._outcome_names:
+            infos["outcome_name"] = _NAMES[ranks]
+        return Rows(
+            arrays.observations.reshape(len(ranks), -1).copy(),
+            arrays.rewards.flatten(),
+            arrays.terminated.flatten(),
+            arrays.truncated.flatten(),
+            infos,
+        )
+
+    def render(self) -> Any:
+        """Return the first board as text ("ansi") or pixels ("rgb_array")."""
+        self._require_open()
+        if self.render_mode is None:
+            gym.logger.warn("render() does nothing without a render_mode")
+            return None
+        return picture(self.render_mode, *self._boards.scenes()[0])
+
+    def close(self, **_: Any) -> None:
+        """Free the simulation; `reset` opens the environment again."""
+        self._boards.close()
+        self.closed = True
+
+    def get_state(self) -> dict[str, Any]:
+        """Return a copy of everything that changes; it can be pickled."""
+        self._require_open()
+        return self._boards.get_state()
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore a state from `get_state` of this environment, or of an equal one."""
+        self._require_open()
+        self._boards.set_state(state)
+
+    def _require_open(self) -> None:
+        if self.closed:
+            raise ConfigError("the environment is closed; call reset to use it again")
+
+
+class SingleEnv(View, gym.Env[np.ndarray, Any]):
+    """Base of environments with one board and one robot; arguments as of `View`.
+
+    What is random in an environment that was never seeded comes from entropy, `np_random_seed`.
+    """
+
+    def __init__(self, scenario: str | Scenario = "1a", *arguments: Any, **options: Any) -> None:
+        if (robots := find_scenario(scenario).robots) != 1:
+            raise UserError(
+                f"scenario {shorten(scenario)} has {robots} robots, not one; use agent.envs."
+                "parallel_env, or gymnasium.make_vec with MiniRobots/Pair-v0 or CoSimPair-v0"
+            )
+        super().__init__(1, scenario, *arguments, **options)
+        self.observation_space = self._boards.observation_space
+        self.action_space = self._boards.action_space
+        self._boards.seed(self.np_random_seed)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode with options of the class; raises ConfigError where one is unusable."""
+        super().reset(seed=seed)
+        given = checked_options(options, *self._boards.reset_options)
+        rows = self._begin({name: [value] for name, value in given.items()}, seed)
+        return rows.observations[0], _info(rows)
+
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Take an action.
+
+        Raises:
+            ConfigError: the action is none of the action space, or the episode has ended.
+            ConfigError: the environment is closed.
+        """
+        self._require_open()
+        if self._boards.arrays.outcomes[0] != RUNNING:
+            raise ConfigError("no episode is running; call reset before the next step")
+        rows = self._step([action])
+        ends = bool(rows.terminated[0]), bool(rows.truncated[0])
+        return rows.observations[0], float(rows.rewards[0]), *ends, _info(rows)
+
+
+def _info(rows: Rows) -> dict[str, Any]:
+    return {name: values.item(0) for name, values in rows.infos.items()}
+
+
+class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """Base of environments whose rows are the robots of boards, those of a board consecutive.
+
+    A board begins again with the step after the end of its episode. Arguments as of `View`, and:
+
+    Args:
+        num_envs: boards.
+        ends: "together", every row ends with its board, or "own", with its robot.
+
+    Attributes:
+        boards: number of boards.
+        scenario: board, targets and start cells.
+    """
+
+    metadata = View.metadata | {"autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: str | Scenario = "1a",
+        *arguments: Any,
+        ends: Ends = "together",
+        **options: Any,
+    ) -> None:
+        require_one_of("ends", ends, ("together", "own"))
+        super().__init__(num_envs, scenario, *arguments, **options)
+        boards, self._together = self._boards, ends == "together"
+        self.scenario, (self.boards, self._robots) = boards.scenario, boards.shape
+        self.num_envs = self.boards * self._robots
+        self.single_observation_space = boards.observation_space
+        self.single_action_space = boards.action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        boards.seed(self.np_random_seed)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin episodes; one seed counts up over the boards, as entropy does without one.
+
+        Raises:
+            ConfigError: an option cannot be used, or "reset_mask" leaves out a board that has never
+                begun; the environment is as it was.
+        """
+        rows = self._begin(options, seed)
+        if isinstance(seed, int | np.integer):
+            super().reset(seed=int(seed))
+        return rows.observations, _infos(rows)
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Step all boards; one whose episode has ended begins again instead.
+
+        Raises:
+            ConfigError: an action is none of the action space, or the environment is closed.
+            FmuError: an FMU failed.
+        """
+        rows = self._step(actions)
+        if self._together:
+            ended = rows.infos["outcome"] != RUNNING
+            rows = rows._replace(terminated=ended & ~rows.truncated)
+        return *rows[:4], _infos(rows)
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return a picture for each row, that of its board with the targets of the episode."""
+        self._require_open()
+        if self.render_mode is None:
+            return None
+        pictures = [picture(self.render_mode, *scene) for scene in self._boards.scenes()]
+        return tuple(one for one in pictures for _ in range(self._robots))
+
+
+def _infos(rows: Rows) -> dict[str, Any]:
+    """Return infos with the masks that Gymnasium has, which say that every row has them."""
+    everywhere = np.ones(len(rows.rewards), dtype=bool)
+    return rows.infos | {f"_{name}": everywhere for name in rows.infos}
