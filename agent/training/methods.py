@@ -303,7 +303,8 @@ def method_config(
     process, learning = method.settings(scenario)
     moves = None
     if method.through is not None:
-        machine = Physics(preset=preset, motor_fmu=motor_fmu, motor_parameters=motor_parameters)
+        given: Any = preset  # a record, too, see `Physics`
+        machine = Physics(preset=given, motor_fmu=motor_fmu, motor_parameters=motor_parameters)
         fmu = machine.fmu(progress)
         config = machine.config().sized(machine.board(scenario).diameter_m)
         config = calibrated_slower(config, fmu, progress)

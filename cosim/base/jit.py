@@ -218,7 +218,7 @@ def unrolled(function: Kernel) -> Kernel:
     def called(*arguments: Any) -> Any:
         return function(*arguments)
 
-    options = {"forceinline": True, "nogil": True, "_nrt": False, "error_model": "numpy"}
+    options: Any = {"forceinline": True, "nogil": True, "_nrt": False, "error_model": "numpy"}
     choose: Any = functools.wraps(function)(lambda *_: function)
     overload(called, jit_options=options)(choose)
     return cast(Kernel, called)

@@ -65,7 +65,9 @@ def test_shielded_robots_neither_touch_nor_leave_the_board(case):
         seed, rng = np.random.SeedSequence(number), np.random.default_rng(number)
         directions = rng.integers(DIRECTION_COUNT, size=scenario.robots)
         if "downhill" in case:
-            slope_deg = draw_world(world, config.motor, scenario.robots, seed).tilt_direction_deg
+            slope_deg = draw_world(
+                world, (config.motor,) * 2, scenario.robots, seed
+            ).tilt_direction_deg
             directions[:] = round(slope_deg / 45.0) % DIRECTION_COUNT
         if case == "corner":
             directions[:] = 1
