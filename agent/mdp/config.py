@@ -1,6 +1,6 @@
-"""Readings of the paper's decision process: every point that it leaves open, checked by name.
+"""Interpretations of the paper's decision process: every point that it leaves open, by name.
 
-What readings mean for a scenario is `agent.mdp.readings`; nothing here is slow to import.
+What they mean for a scenario is `agent.mdp.interpretations`; nothing here is slow to import.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ Count = Annotated[int, Meta(ge=1, le=10**9)]
 
 @dataclass(frozen=True)
 class ProcessConfig:
-    """Readings of the paper's decision process; the defaults are those of this project."""
+    """Interpretations of the paper's decision process; the defaults are those of this project."""
 
     goal_reward: Positive = 100.0
     """L of Eq. (8): reward of the goal, and minus the reward of a failure (Section III)."""
@@ -91,7 +91,7 @@ _NOT_BETWEEN_CELLS = {
     "collision": "contact is looked for during the move",
     "slip_probability": "moves end where they end",
 }
-# Readings without effect, and what is so instead.
+# Interpretations without effect, and what is so instead.
 _WITHOUT_EFFECT: dict[Where, dict[str, str]] = {
     "training on moves": {
         **_NOT_BETWEEN_CELLS,
@@ -110,10 +110,10 @@ _WITHOUT_EFFECT: dict[Where, dict[str, str]] = {
 
 
 def refuse_without_effect(config: ProcessConfig, where: Where) -> None:
-    """Refuse readings that change nothing.
+    """Refuse interpretations that change nothing.
 
     Args:
-        config: readings.
+        config: interpretations.
         where: the process is used.
     """
     for name, reason in _WITHOUT_EFFECT[where].items():

@@ -25,7 +25,7 @@ from agent.mdp.grid import (
     place_randomly,
     state_index,
 )
-from agent.mdp.readings import Process
+from agent.mdp.interpretations import Process
 from agent.mdp.rng import seeded_state
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT, Outcome

@@ -27,8 +27,8 @@ from agent.mdp.grid import (
     nearest_other,
     state_index,
 )
+from agent.mdp.interpretations import Process, build_process
 from agent.mdp.joint import IMPOSSIBLE
-from agent.mdp.readings import Process, build_process
 from agent.mdp.rewards import reward_parts
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
@@ -111,7 +111,7 @@ class GreedyPolicy(ABC):
 
     @abstractmethod
     def digest(self) -> str:
-        """Hash (16 hex digits) of the readings of the process and of all that decides actions."""
+        """Return the hash (16 hex digits) of the interpretations and what decides actions."""
 
     @abstractmethod
     def maps(self) -> list[PolicyMap]:

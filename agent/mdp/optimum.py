@@ -16,6 +16,7 @@ from scipy.ndimage import label
 
 from agent.mdp.exact import Evaluation, joint_starts
 from agent.mdp.grid import SQRT_2
+from agent.mdp.interpretations import FREE, GOAL, MAX_JOINT_STATES, Process
 from agent.mdp.joint import (
     BLOCKED,
     IMPOSSIBLE,
@@ -25,7 +26,6 @@ from agent.mdp.joint import (
     solve,
     tabulate,
 )
-from agent.mdp.readings import FREE, GOAL, MAX_JOINT_STATES, Process
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, read_arrays

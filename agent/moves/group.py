@@ -17,8 +17,8 @@ import numpy as np
 
 from agent.mdp.exact import Evaluation, count_moves, new_evaluation
 from agent.mdp.grid import AXIS, COLUMN_COUNT, X, Y, move, place
+from agent.mdp.interpretations import Process
 from agent.mdp.joint import BLOCKED, iterate_alone
-from agent.mdp.readings import Process
 from agent.moves.model import ObservedMoves
 from agent.moves.times import Board, axis_towards, board_of, squared_distance
 from cosim.base.jit import inlined, kernel

@@ -15,8 +15,8 @@ import numpy as np
 
 from agent.mdp.exact import Evaluation, count_moves, new_evaluation
 from agent.mdp.grid import AXIS, COLUMN_COUNT, X, Y, least_rotation_argmax, move, place
+from agent.mdp.interpretations import Process
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE, choices, joint_states
-from agent.mdp.readings import Process
 from agent.moves.model import ObservedMoves
 from agent.moves.times import Board, axis_towards, board_of, least_times, squared_distance
 from cosim.base.jit import inlined, kernel

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.mdp.grid import STARTING_AXIS
+from agent.mdp.interpretations import Process
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, iterate_alone
 from agent.mdp.optimum import require_paths
-from agent.mdp.readings import Process
 from agent.moves.model import KINDS, ObservedMoves, move_kind
 from cosim.base.errors import UserError
 from cosim.base.jit import inlined

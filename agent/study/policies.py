@@ -8,7 +8,7 @@ from typing import Any
 
 from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import GreedyPolicy
-from agent.mdp.readings import Process, build_process
+from agent.mdp.interpretations import Process, build_process
 from agent.training.methods import METHODS, Method, find_method, imported, method_config
 from agent.training.policy import load_policy
 from agent.training.store import find_or_make

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.mdp.readings import Process
+from agent.mdp.interpretations import Process
 from agent.mdp.rng import probability_threshold, seeded_state
 from agent.training.settings import LearningConfig
 from cosim.onboard.features import DIRECTION_COUNT

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from agent.mdp.exact import cell_map, evaluate, some_starts
+from agent.mdp.interpretations import build_process
 from agent.mdp.optimum import require_paths_alone
-from agent.mdp.readings import build_process
 from agent.moves.model import MoveModel, build_model
 from agent.training.learning import (
     EPISODES,

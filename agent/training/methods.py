@@ -23,7 +23,7 @@ import numpy as np
 from agent.mdp import optimum
 from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import GreedyPolicy
-from agent.mdp.readings import Process, build_process
+from agent.mdp.interpretations import Process, build_process
 from agent.moves import group, pair
 from agent.moves.observe import cached_moves
 from agent.moves.times import fastest_tables

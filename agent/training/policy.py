@@ -18,9 +18,9 @@ from agent.mdp.config import ProcessConfig, refuse_without_effect
 from agent.mdp.exact import Evaluation, cell_map, evaluate, joint_starts, some_starts
 from agent.mdp.greedy import GreedyPolicy, on_grid
 from agent.mdp.grid import STARTING_AXIS
+from agent.mdp.interpretations import build_process
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE
 from agent.mdp.optimum import require_paths
-from agent.mdp.readings import build_process
 from agent.moves.group import MOST_CELLS, MOST_TIMES, Group, evaluate_group, group_of, plan
 from agent.moves.model import ObservedMoves
 from agent.moves.pair import (
@@ -147,7 +147,7 @@ class Policy(GreedyPolicy):
         return evaluate(self.process, self.values, starts)
 
     def digest(self) -> str:
-        """Hash (16 hex digits) of the readings of the process and of all action values."""
+        """Hash (16 hex digits) of the interpretations of the process and of all action values."""
         return digest_of(self.config.process, self.values)
 
     def maps(self) -> list[PolicyMap]:
@@ -262,7 +262,7 @@ class PairPolicy(_OnTimes):
         return evaluate_pair(self.process, self.times, starts)
 
     def digest(self) -> str:
-        """Hash (16 hex digits) of the readings of the process and of all times."""
+        """Hash (16 hex digits) of the interpretations of the process and of all times."""
         return digest_of(self.config.process, *self.times.board, *self.times[1:])
 
     def maps(self) -> list[PolicyMap]:
@@ -347,7 +347,7 @@ class GroupPolicy(_OnTimes):
         return evaluate_group(self.process, self.group, starts)
 
     def digest(self) -> str:
-        """Hash (16 hex digits) of the readings, of the version, and of what plans are made by."""
+        """Return the hash (16 hex digits) of the interpretations, the version and the times."""
         return digest_of(
             self.config.process, self.config.kernel_version, *self.group.board, *self.group[1:]
         )

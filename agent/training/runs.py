@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.moves.model import ObservedMoves
 from agent.training.loop import TrainingLog, learn
 from agent.training.policy import Policy, PolicyConfig, Seed, load_policy

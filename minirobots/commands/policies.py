@@ -355,16 +355,16 @@ class Bound(Command):
     """Interpretations of the paper; only target_obstacle and collision limit the paths."""
 
     def __post_init__(self) -> None:
-        for reading in fields(self.process):
-            given = getattr(self.process, reading.name)
-            if reading.name not in {"target_obstacle", "collision"} and given != reading.default:
-                option = reading.name.replace("_", "-")
+        for each in fields(self.process):
+            given = getattr(self.process, each.name)
+            if each.name not in {"target_obstacle", "collision"} and given != each.default:
+                option = each.name.replace("_", "-")
                 raise UserError(f"--process.{option} has no effect on the optimum; leave it out")
 
     def run(self, progress: Progress) -> Output:
         from agent.mdp.exact import enumerable, joint_starts
+        from agent.mdp.interpretations import build_process
         from agent.mdp.optimum import optimum, require_paths
-        from agent.mdp.readings import build_process
 
         scenario = find_scenario(self.scenario)
         process = build_process(scenario, self.process)

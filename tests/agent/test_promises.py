@@ -6,8 +6,8 @@ import pytest
 import agent
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import joint_starts
+from agent.mdp.interpretations import build_process
 from agent.mdp.optimum import optimum
-from agent.mdp.readings import build_process
 from agent.study.report import Report
 from cosim.model.scenario_file import find_scenario
 

@@ -12,8 +12,8 @@ from agent.mdp import grid
 from agent.mdp import optimum as optimum_module
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import evaluate, joint_starts
+from agent.mdp.interpretations import build_process
 from agent.mdp.optimum import optimum, ratios
-from agent.mdp.readings import build_process
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_make
@@ -22,8 +22,8 @@ from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 
 
-def mean_bounds(scenario, **readings):
-    process = build_process(scenario, ProcessConfig(**readings))
+def mean_bounds(scenario, **interpretations):
+    process = build_process(scenario, ProcessConfig(**interpretations))
     path, steps = optimum(process).of_starts(joint_starts(process), scenario.rows)
     return 100.0 * scenario.cell_m * path.mean(), steps.mean()
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import MAX_STARTS, joint_starts
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.study.grid import grid_row
 from agent.training.learning import initial_state
 from agent.training.policy import Policy, PolicyConfig, Seed

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import OBSTACLE, build_process
+from agent.mdp.interpretations import OBSTACLE, build_process
 from agent.mdp.rng import seeded_state
 from cosim.base.errors import UserError
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
@@ -39,9 +39,9 @@ def eq_11(distance_cells, c_or_1):
     return np.float32(-c_or_1 * (1.0 - min(distance_cells, 10.0) / 10.0) - 1.0)
 
 
-def process_of(scenario, **readings):
+def process_of(scenario, **interpretations):
     scenario = find_scenario(scenario) if isinstance(scenario, str) else scenario
-    return build_process(scenario, ProcessConfig(**readings))
+    return build_process(scenario, ProcessConfig(**interpretations))
 
 
 pair = partial(process_of, "2")
@@ -127,8 +127,8 @@ def test_zone_is_an_obstacle_only_if_asked_but_never_the_own_target():
 def test_swept_collision_sees_robots_that_pass_each_other():
     # robots smaller than a cell that swap their cells are never in contact on a cell's centre
     tiny = Scenario("t", "", ((5, 5), (0, 5)), (((0, 0),), ((9, 9),)), robot_diameter_m=0.009)
-    for reading, expected in (("cells", RUNNING), ("swept", COLLISION)):
-        process = process_of(tiny, collision=reading)
+    for collision, expected in (("cells", RUNNING), ("swept", COLLISION)):
+        process = process_of(tiny, collision=collision)
         assert step(process, world_at(process, (3, 3), (4, 3)), E, W)[0] == expected
 
 
@@ -146,13 +146,13 @@ def test_a_cell_is_blocked_if_a_robot_in_its_middle_touches_an_obstacle(diameter
     assert step(process, world_at(process, (10 + reach + 1, 10)), N) == (RUNNING, [-1.0])
 
 
-@pytest.mark.parametrize("reading", ["cells", "swept"])
-def test_swept_collision_sees_corners_that_diagonal_moves_graze(reading):
+@pytest.mark.parametrize("collision", ["cells", "swept"])
+def test_swept_collision_sees_corners_that_diagonal_moves_graze(collision):
     """A point-like robot passes from beside an obstacle to above it, over its corner."""
-    process = process_of(replace(OBSTACLE_AT_10, robot_diameter_m=0.009), collision=reading)
+    process = process_of(replace(OBSTACLE_AT_10, robot_diameter_m=0.009), collision=collision)
     for start, action in [((11, 10), NW), ((10, 11), SE), ((9, 10), NE), ((10, 9), NE)]:
         outcome, _ = step(process, world_at(process, start), action)
-        assert outcome == (COLLISION if reading == "swept" else RUNNING)
+        assert outcome == (COLLISION if collision == "swept" else RUNNING)
     for start, action in [((11, 10), NE), ((12, 10), NW), ((11, 10), N)]:
         assert step(process, world_at(process, start), action)[0] == RUNNING
     outside = world_at(process, (0, 0))

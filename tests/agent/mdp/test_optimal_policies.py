@@ -8,8 +8,8 @@ import pytest
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import evaluate, joint_starts
+from agent.mdp.interpretations import build_process
 from agent.mdp.optimum import optimum
-from agent.mdp.readings import build_process
 from agent.training.methods import method_config
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig

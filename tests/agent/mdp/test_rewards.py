@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.mdp.rewards import step_reward
 from cosim.model.outcome import RUNNING
 from cosim.model.scenario_file import find_scenario

@@ -9,7 +9,7 @@ import pytest
 
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.mdp.rng import seeded_state
 from agent.moves import kernels
 from agent.moves.model import KINDS, NO_DIRECTION, Move, ObservedMoves, UserError, build_model

@@ -11,7 +11,7 @@ import pytest
 
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.mdp.rng import next_word, seeded_state
 from agent.moves import kernels
 from agent.moves import observe as observe_module

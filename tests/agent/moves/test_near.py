@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.moves.times import board_of
 from agent.training.loop import learn, move_model
 from agent.training.methods import METHODS

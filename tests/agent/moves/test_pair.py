@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.moves import pair
 from agent.moves.model import NO_DIRECTION, Move, ObservedMoves
 from agent.moves.times import mean_seconds

@@ -31,8 +31,8 @@ LEARNING = LearningConfig(episodes=20_000, epsilon_episodes=20, greedy_points=2)
 @pytest.fixture(params=["q", "double_q"])
 def policy(request):
     learning = replace(LEARNING, algorithm=request.param)
-    readings = ProcessConfig(features=("x", "y", "d", "g", "b"))
-    return find_or_make(PolicyConfig(SMALL, readings, learning, Seed(5)))[0]
+    interpretations = ProcessConfig(features=("x", "y", "d", "g", "b"))
+    return find_or_make(PolicyConfig(SMALL, interpretations, learning, Seed(5)))[0]
 
 
 def test_acting_on_observations_repeats_the_exact_evaluation(policy):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.mdp.rng import next_word
 from agent.training.learning import (
     PATH_CELLS,
@@ -31,9 +31,9 @@ def briefly(**options):
     return LearningConfig(**{"exploration": 0.0, "log_episodes": 1, "log_window": 1} | options)
 
 
-def prepared(scenario, config, seed=0, **readings):
+def prepared(scenario, config, seed=0, **interpretations):
     """The state at the beginning, and what trains it to the end."""
-    process = build_process(scenario, ProcessConfig(**readings))
+    process = build_process(scenario, ProcessConfig(**interpretations))
     state = initial_state(process, config, seed)
     return state, lambda: advance(process, build_learning(config), state, config.episodes)
 

@@ -1,7 +1,7 @@
 """The decision process of Sections III and V as data: terrain, reward and state tables.
 
-`build_process` turns a scenario and a `ProcessConfig`, which names the readings that the paper
-leaves open, into the arrays that the kernels of `agent.mdp.grid` walk on. No dynamics here.
+`build_process` turns a scenario and a `ProcessConfig`, the interpretations of what the paper leaves
+open, into the arrays that the kernels of `agent.mdp.grid` walk on. No dynamics here.
 """
 
 import math
@@ -81,7 +81,7 @@ class Process(NamedTuple):
 
 
 def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
-    """Tables of the decision process of a scenario under the given readings."""
+    """Tables of the decision process of a scenario under the given interpretations."""
     thresholds = distance_thresholds(scenario)
     terrain = np.stack(
         [
