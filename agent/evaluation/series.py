@@ -1,13 +1,10 @@
-"""A series of episodes of one configuration: seeds, recordings, results."""
+"""The episodes of one run: seeds, recordings, results."""
 
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from msgspec import to_builtins
-from msgspec.structs import asdict
+from msgspec import structs
 
 from agent.mdp.greedy import GreedyPolicy
 from agent.training.loop import TrainingLog
@@ -27,138 +24,111 @@ from cosim.simulation.simulate import draw_episode, run_facts
 from cosim.simulation.tasks import Record, Task, compile_kernels, simulate_tasks
 
 _SUMMARY = Kind("summary of a run", "choose another --out, or remove it")
+_NO_FACTS = ("parameters", "episodes", "schema_version")  # of recordings
 
 
-class RunFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """Identity of a run, for summaries and recordings; equal runs have the same.
-
-    Attributes:
-        seed: of start cells and speed noise.
-        train_seed: of the policy; a list, the experiment's first, if it was spawned from that.
-        method: by which the policy was trained, "other" for interpretations of the user's own.
-    """
+class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """The content of `summary.json`: what identifies the run, parameters by name, every episode."""
 
     scenario: str
     title: str
-    seed: int
-    train_seed: Any
+    seed: int  # of start cells and speed noise
+    train_seed: Any  # of the policy; a list, the experiment's first, if it was spawned from that
     driver: str
     motor_fmu: str
     motor_fmu_digest: str
-    method: str
+    method: str  # of training, "other" for interpretations of the user's own
     versions: dict[str, str]
-
-
-class RunSummary(RunFacts, frozen=True, kw_only=True):
-    """The content of `summary.json`: the facts, parameters by name, and every episode."""
-
     parameters: dict[str, float | bool | str | list[Any]]
-    episodes: tuple[EpisodeResult, ...]
+    episodes: tuple[EpisodeResult, ...] = ()
     schema_version: int = 1
 
 
-@dataclass(frozen=True)
-class Series:
-    """Settings that all episodes of a run share.
+def run_series(
+    setup: Setup,
+    policy: GreedyPolicy,
+    out: Path,
+    options: EpisodeOptions,
+    *,
+    episodes: int,
+    threads: int,
+    log: TrainingLog | None = None,
+    viewer: str | None = None,
+    progress: Progress = silent,
+) -> list[EpisodeResult]:
+    """Keep the policy, simulate, and return the results of the first episodes, in order.
 
-    Attributes:
+    `summary.json` has those that have ended. On an interrupt or an error every running episode
+    ends after its RL step and completes its recording.
+
+    Args:
         out: output folder; recordings go to `episodes/` in it.
         options: seed, driver, what is recorded; episode k draws from the seed sequence (seed, k).
+        log: of the policy's training, which is recorded.
         viewer: address of a running viewer that is sent what is recorded, if any.
+        progress: receives the simulated time of every episode.
     """
+    scenario, config, fmu = setup
+    driver, seed = chosen_driver(options.driver, fmu, config), policy.config.seed
+    summary = RunSummary(
+        **run_facts(scenario, options.seed, fmu, driver),
+        train_seed=[seed.entropy, *seed.spawn_key] if seed.spawn_key else seed.entropy,
+        method=policy.config.method,
+        parameters={name: row["value"] for name, row in config.table().items()},
+    )
+    facts = {k: v for k, v in structs.asdict(summary).items() if k not in _NO_FACTS}
+    _refuse_other_results(out, summary, policy)
+    policy.save(out / "policy.npz")
+    recorded = options.record != "none"
+    if recorded and log is not None:
+        write_training(out / "training.rrd", policy, log, facts)
 
-    setup: Setup
-    policy: GreedyPolicy
-    out: Path
-    options: EpisodeOptions
-    viewer: str | None = None
-    progress: Progress = silent
-
-    @cached_property
-    def facts(self) -> RunFacts:
-        """Identity of the run."""
-        scenario, config, fmu = self.setup
-        seed = self.policy.config.seed
-        driver = chosen_driver(self.options.driver, fmu, config)
-        return RunFacts(
-            **run_facts(scenario, self.options.seed, fmu, driver),
-            train_seed=seed.entropy if not seed.spawn_key else [seed.entropy, *seed.spawn_key],
-            method=self.policy.config.method,
-        )
-
-    def run(
-        self, episodes: int, threads: int, log: TrainingLog | None = None
-    ) -> list[EpisodeResult]:
-        """Keep the policy, simulate, and return the results of the first episodes, in order.
-
-        `summary.json` has those that have ended. On an interrupt or an error every running episode
-        ends after its RL step and completes its recording.
-
-        Args:
-            log: of the policy's training, which is recorded.
-        """
-        self._refuse_other_results()
-        self.policy.save(self.out / "policy.npz")
-        if self.options.record != "none" and log is not None:
-            write_training(self.out / "training.rrd", self.policy, log, asdict(self.facts))
-        tasks = [self._task(episode) for episode in range(episodes)]
-        with under_way(self.progress, "preparing the kernels"):
-            compile_kernels(tasks[0], episodes, threads)
-        ended: dict[int, EpisodeResult] = {}
-        results: list[EpisodeResult] = []
-        for number, result in simulate_tasks(tasks, threads):
-            path = self._recording(number).relative_to(self.out)
-            name = None if self.options.record == "none" else str(path)
-            ended[number] = msgspec.structs.replace(result, recording=name)
-            while len(results) in ended:
-                results.append(ended[len(results)])
-                write_json(self.out / "summary.json", self._summary(results))
-        return results
-
-    def _refuse_other_results(self) -> None:
-        """Refuse a folder with another run's results; those of this one are written again."""
-        path = self.out / "summary.json"
-        if not path.exists():
-            return
-        was, now = read_json(path, _SUMMARY, RunSummary), self._summary([])
-        both = [to_builtins(of.parameters | asdict(of)) for of in (was, now)]
-        same = {"parameters", "versions", "episodes"}
-        other = [f"{k} = {v}" for k, v in both[0].items() if k not in same and v != both[1].get(k)]
-        if digest_of(load_policy(self.out / "policy.npz").config) != digest_of(self.policy.config):
-            other.append("another policy")
-        if other:
-            raise ConfigError(f"{path} is of a run with {', '.join(other[:3])}; {_SUMMARY.fix}")
-
-    def _recording(self, episode: int) -> Path:
-        return self.out / "episodes" / f"ep_{episode:03d}.rrd"
-
-    def _summary(self, results: list[EpisodeResult]) -> RunSummary:
-        parameters = {name: row["value"] for name, row in self.setup.config.table().items()}
-        return RunSummary(**asdict(self.facts), parameters=parameters, episodes=tuple(results))
-
-    def _task(self, number: int) -> Task:
-        """An episode of the series."""
-        scenario, config, fmu = self.setup
-        record = self.options.record
-        starts, noise_seed = draw_episode(scenario, self.options.seed, number)
+    def task(number: int) -> Task:
+        starts, noise_seed = draw_episode(scenario, options.seed, number)
 
         def watch(step: Step, episode: RunningEpisode, wall_s: float) -> None:
             factor = episode.time_s / wall_s
             state = f"{episode.time_s:.0f} s, {factor:.1f} × real time {step.outcome}"
             total = episode.time_s if step.outcome else config.timing.episode_limit_s
-            self.progress(f"episode {number}", episode.time_s, total, state)
+            progress(f"episode {number}", episode.time_s, total, state)
 
-        facts = asdict(self.facts) | {"episode": number, "starts": starts}
-        place, viewer = self._recording(number), self.viewer
-        return Task(
-            scenario,
-            fmu,
-            config,
-            self.policy,
-            starts,
-            noise_seed,
-            None if record == "none" else Record(place, facts, record, viewer),
-            watch,
-            self.facts.driver,
-            sampled_of(scenario.robots, self.options.signals),
-        )
+        record = None
+        if options.record != "none":
+            of_episode = facts | {"episode": number, "starts": starts}
+            record = Record(out / recording_of(number), of_episode, options.record, viewer)
+        sampled = sampled_of(scenario.robots, options.signals)
+        how = starts, noise_seed, record, watch, driver, sampled
+        return Task(scenario, fmu, config, policy, *how)
+
+    tasks = [task(number) for number in range(episodes)]
+    with under_way(progress, "preparing the kernels"):
+        compile_kernels(tasks[0], episodes, threads)
+    ended: dict[int, EpisodeResult] = {}
+    results: list[EpisodeResult] = []
+    for number, result in simulate_tasks(tasks, threads):
+        name = recording_of(number) if recorded else None
+        ended[number] = structs.replace(result, recording=name)
+        while len(results) in ended:
+            results.append(ended[len(results)])
+            write_json(out / "summary.json", structs.replace(summary, episodes=tuple(results)))
+    return results
+
+
+def recording_of(episode: int) -> str:
+    """Return where the recording of an episode is in the output folder."""
+    return f"episodes/ep_{episode:03d}.rrd"
+
+
+def _refuse_other_results(out: Path, summary: RunSummary, policy: GreedyPolicy) -> None:
+    """Refuse a folder with another run's results; those of this one are written again."""
+    path = out / "summary.json"
+    if not path.exists():
+        return
+    both = (read_json(path, _SUMMARY, RunSummary), summary)
+    was, now = (msgspec.to_builtins(of.parameters | structs.asdict(of)) for of in both)
+    same = {"parameters", "versions", "episodes"}
+    other = [f"{k} = {v}" for k, v in was.items() if k not in same and v != now.get(k)]
+    if digest_of(load_policy(out / "policy.npz").config) != digest_of(policy.config):
+        other.append("another policy")
+    if other:
+        raise ConfigError(f"{path} is of a run with {', '.join(other[:3])}; {_SUMMARY.fix}")

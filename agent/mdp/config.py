@@ -4,11 +4,11 @@ What they mean for a scenario is `agent.mdp.interpretations`; nothing here is sl
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, get_args, get_type_hints
+from typing import Annotated, Literal, get_args
 
 from msgspec import Meta
 
-from cosim.base.arguments import validate_argument
+from cosim.base.arguments import validate_fields
 from cosim.base.errors import UserError
 
 Feature = Literal["x", "y", "d", "g", "b", "h", "p"]
@@ -63,19 +63,12 @@ class ProcessConfig:
     scenario 4, 200 none (docs/reproduction.md)."""
 
     def __post_init__(self) -> None:
-        check_fields(self, "process")
+        validate_fields(self, "process: ")
         if not 0 < len(self.features) == len(set(self.features)):
             raise UserError(
                 f"process: features = {', '.join(self.features)} are not some different ones of "
                 f"{', '.join(FEATURES)}"
             )
-
-
-def check_fields(config: object, table: str) -> None:
-    """Convert the fields of a table of settings to their declared types, within their limits."""
-    for name, kind in get_type_hints(type(config), include_extras=True).items():
-        value = validate_argument(f"{table}: {name}", getattr(config, name), kind)
-        object.__setattr__(config, name, value)
 
 
 Where = Literal[

@@ -214,31 +214,36 @@ def _registered(function: Callable, **fields: Any) -> Method:
     return method
 
 
-def imported(name: str) -> Any:
-    """Return the object "module:Name", of this folder or an installed module."""
+def imported(what: str, name: str, kind: str) -> Any:
+    """Return the object "module:Name" of this folder or an installed module, or one of its class.
+
+    Args:
+        what: it is used as, and `kind` of objects, for the message where that fails.
+        name: of the object.
+        kind: see `what`.
+    """
     module, _, attribute = name.partition(":")
     if str(Path.cwd()) not in sys.path:
         sys.path.append(str(Path.cwd()))
-    return getattr(importlib.import_module(module), attribute)
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+        return found() if isinstance(found, type) else found
+    except (Exception, SystemExit) as error:  # whatever a user's module does
+        raise ConfigError(
+            f"{what} = {name!r} cannot be imported ({error!r}); name MODULE:NAME of {kind}, in a "
+            "module of this folder or an installed one"
+        ) from error
 
 
 def find_method(name: "str | Method") -> Method:
     """Return a method by its name, which may be the "module:function" of a user."""
-    if isinstance(name, Method):
-        return name
     if isinstance(name, str) and name not in METHODS and ":" in name:
-        try:
-            found = imported(name)
-        except (Exception, SystemExit) as error:  # whatever a user's module does
-            raise ConfigError(
-                f"method = {name} cannot be imported ({error!r}); name MODULE:NAME of a method "
-                "that a module of this folder or an installed one registers"
-            ) from error
-        if isinstance(found, Method):
-            return found
-    if not isinstance(name, str) or name not in METHODS:
+        found = imported("method", name, "a method that is registered")
+    else:
+        found = METHODS.get(name) if isinstance(name, str) else name
+    if not isinstance(found, Method):
         raise ConfigError(unknown("method", name, METHODS))
-    return METHODS[name]
+    return found
 
 
 def best_method(scenario: Scenario) -> str:

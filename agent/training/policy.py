@@ -6,6 +6,7 @@ next to it for people; nothing in it is executed on loading. The cache of polici
 """
 
 import json
+from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,18 +16,24 @@ import msgspec
 import numpy as np
 
 from agent.mdp.config import ProcessConfig, refuse_without_effect
-from agent.mdp.exact import Evaluation, cell_map, evaluate, joint_starts, some_starts
-from agent.mdp.greedy import GreedyPolicy, on_grid
+from agent.mdp.exact import (
+    MAX_STARTS,
+    Evaluation,
+    cell_map,
+    evaluate,
+    evaluate_by,
+    some_starts,
+)
+from agent.mdp.greedy import GreedyPolicy, greedy, on_grid
 from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.interpretations import build_process
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE
 from agent.mdp.optimum import require_paths
-from agent.moves.group import MOST_CELLS, MOST_TIMES, Group, evaluate_group, group_of, plan
+from agent.moves.group import MOST_CELLS, MOST_TIMES, Group, group_of, plan
 from agent.moves.model import ObservedMoves
 from agent.moves.pair import (
     UNREACHABLE,
     PairTimes,
-    evaluate_pair,
     pair_values,
     solve_pair,
 )
@@ -44,7 +51,6 @@ from cosim.recording.series import PolicyMap
 SCHEMA_VERSION = 1
 _FILE = Kind("policy file", "name a policy.npz that training has saved")
 _CONFIG = Kind("policy's configuration", "train it again")
-_GRID_STARTS = 50  # assumed: of evaluations of groups on the grid, some 0.3 s each
 _KEPT = 4096  # plans that are kept: policies are asked again before anything has changed
 
 
@@ -188,9 +194,19 @@ def table_policy(config: PolicyConfig, values: np.ndarray, decided: np.ndarray) 
 
 
 class _OnTimes(GreedyPolicy):
-    """Policy of robots that know the times of their moves, `times`."""
+    """Policy of robots that know the times of their moves."""
 
+    most_starts = MAX_STARTS  # of evaluations on the grid, by default
     config: PolicyConfig
+
+    @abstractmethod
+    def choose(self, cells: np.ndarray, axes: np.ndarray) -> np.ndarray:
+        """(N,) int64, directions of robots that all wait, by their cells and axes."""
+
+    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
+        """See `GreedyPolicy.evaluate`."""
+        starts = some_starts(self.process, self.most_starts) if starts is None else starts
+        return evaluate_by(self.process, starts, self.choose)
 
     def numbered(self, observation: Observation) -> np.ndarray:
         """(3, N) int64, numbers of the robots' cells and goals, and the axes that they face."""
@@ -251,15 +267,16 @@ class PairPolicy(_OnTimes):
 
     def q_values(self, observation: Observation) -> np.ndarray:
         """(2, 8) float32, minus the time in s of both robots if the other does what is best."""
-        cells, goals, axes = self.numbered(observation)
+        return self._values(*self.numbered(observation))
+
+    def _values(self, cells: np.ndarray, goals: np.ndarray, axes: np.ndarray) -> np.ndarray:
         values = np.empty((2, DIRECTION_COUNT), dtype=np.float32)
         pair_values(self.times, cells, goals, axes, values)
         return values
 
-    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """See `GreedyPolicy.evaluate`."""
-        starts = joint_starts(self.process) if starts is None else starts
-        return evaluate_pair(self.process, self.times, starts)
+    def choose(self, cells: np.ndarray, axes: np.ndarray) -> np.ndarray:
+        """See `_OnTimes.choose`."""
+        return greedy(self._values(cells, cells, axes), axes)
 
     def digest(self) -> str:
         """Hash (16 hex digits) of the interpretations of the process and of all times."""
@@ -292,6 +309,7 @@ class GroupPolicy(_OnTimes):
     """
 
     kind = "group"
+    most_starts = 50  # assumed: some 0.3 s each
     config: PolicyConfig
     episodes: int = 0
 
@@ -329,11 +347,8 @@ class GroupPolicy(_OnTimes):
         asked = numbers.tobytes()
         values = self._plans.get(asked)  # another thread may clear the plans at any time
         if values is None:
-            robots = numbers.shape[1]
-            actions, ends = np.empty(robots, dtype=np.int64), np.empty(robots)
-            cells, goals, axes = numbers
-            plan(self.group, cells, goals, axes, actions, ends)
-            values = np.full((robots, DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
+            actions, ends = self._planned(*numbers)
+            values = np.full((len(actions), DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
             waits = np.flatnonzero(actions >= 0)
             values[waits, actions[waits]] = -ends[waits].clip(0.0, -0.4 * IMPOSSIBLE)
             if len(self._plans) >= _KEPT:
@@ -341,10 +356,16 @@ class GroupPolicy(_OnTimes):
             self._plans[asked] = values
         return values.copy()
 
-    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """See `GreedyPolicy.evaluate`; by default from some starts."""
-        starts = some_starts(self.process, _GRID_STARTS) if starts is None else starts
-        return evaluate_group(self.process, self.group, starts)
+    def _planned(
+        self, cells: np.ndarray, goals: np.ndarray, axes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        actions, ends = np.empty_like(cells), np.empty(len(cells))
+        plan(self.group, cells, goals, axes, actions, ends)
+        return actions, ends
+
+    def choose(self, cells: np.ndarray, axes: np.ndarray) -> np.ndarray:
+        """See `_OnTimes.choose`."""
+        return self._planned(cells, cells, axes)[0]
 
     def digest(self) -> str:
         """Return the hash (16 hex digits) of the interpretations, the version and the times."""

@@ -21,8 +21,8 @@ def test_given_fields_override_defaults(tmp_path):
     ("text", "message"),
     [
         (None, "no such settings file"),
-        ("[proces]\n", "unknown table 'proces'"),
-        ("[process]\nslip = 1\n", "unknown field process.slip"),
+        ("[proces]\n", "table proces is unknown"),
+        ("[process]\nslip = 1\n", "process.slip is unknown"),
         ('[learning]\neta = "big"\n', "learning: eta = .*xpected float, got str"),
         ("[learning]\neta = 2.0\n", "eta = 2.0 is invalid: expected float <= 1.0"),
         ('[process]\nfeatures = ["q"]\n', r"process: features\[0\] = 'q' is unknown"),
