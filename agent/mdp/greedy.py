@@ -160,13 +160,13 @@ class GreedyPolicy(ABC):
         """(N, 3) float64, reward of a co-simulated step by parts, see `agent.mdp.rewards`."""
         return reward_parts(self.process, step, arrived)
 
-    def seen(self, observation: Observation) -> Observation:
-        """An observation as kernels take it: int64, C-contiguous."""
+    def checked(self, observation: Observation) -> Observation:
+        """Return an observation as kernels take it: int64, C-contiguous."""
         robots = self.config.scenario.robots
-        seen = Observation(*(np.ascontiguousarray(part, np.int64) for part in observation))
-        if seen.cells.shape != (robots, 2):
-            raise ValueError(f"observation of shape {seen.cells.shape} for {robots} robots")
-        return seen
+        found = Observation(*(np.ascontiguousarray(values, np.int64) for values in observation))
+        if found.cells.shape != (robots, 2):
+            raise ValueError(f"observation of shape {found.cells.shape} for {robots} robots")
+        return found
 
     def require_scenario(self, scenario: Scenario, name: str = "the policy") -> None:
         """Refuse any geometry but that of training."""

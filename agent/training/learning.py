@@ -22,25 +22,15 @@ MAX_MAPPED_CELLS = 100_000
 
 
 class Learning(NamedTuple):
-    """A `LearningConfig` for the kernel.
+    """A `LearningConfig` for the kernel."""
 
-    Attributes:
-        eta: float32, learning rate of each block of episodes.
-        gamma: float32.
-        epsilon_thresholds: uint64, exploration threshold of each block of episodes.
-        epsilon_episodes: episodes per block.
-        double_q: whether there are two tables per robot.
-        log_episodes: episodes per point of the learning curves.
-        log_window: last episodes of a point that count.
-    """
-
-    eta: np.ndarray
+    eta: np.ndarray  # float32, learning rate of each block of episodes
     gamma: np.float32
-    epsilon_thresholds: np.ndarray
-    epsilon_episodes: int
-    double_q: bool
-    log_episodes: int
-    log_window: int
+    epsilon_thresholds: np.ndarray  # uint64, exploration threshold of each block of episodes
+    epsilon_episodes: int  # per block
+    double_q: bool  # whether there are two tables per robot
+    log_episodes: int  # per point of the learning curves
+    log_window: int  # last episodes of a point that count
 
 
 # Columns of a learning-curve row: sums over the window's episodes.

@@ -41,8 +41,6 @@ from cosim.model.outcome import Outcome
 # Learning curves evaluate up to this many of the `joint_starts`, evenly spaced if there are more.
 MAX_CURVE_STARTS = 5_000
 CHUNK_EPISODES = 50_000  # about 0.1 s: progress moves and Ctrl-C answers
-
-
 _FILE = Kind("file of learning curves", "train again")
 
 
@@ -107,12 +105,7 @@ def move_model(config: PolicyConfig) -> MoveModel | None:
 
 
 def learn(config: PolicyConfig, progress: Progress = silent) -> tuple[Policy, TrainingLog]:
-    """Train from nothing to the last episode, without looking at or writing any file.
-
-    Args:
-        config: of the run.
-        progress: receives the episodes done after every chunk.
-    """
+    """Train from nothing to the last episode, without reading or writing any file."""
     numbers = config.learning
     process, model = build_process(config.scenario, config.process), move_model(config)
     require_paths_alone(process)
