@@ -42,18 +42,13 @@ BEGIN, END, FROM, TO = range(4)  # columns of a planned move: times in s, and ce
 
 
 class Group(NamedTuple):
-    """Board and times that a group plans by.
-
-    Attributes:
-        board: that they drive on.
-        around: (N, 2^N, cells, AXIS_COUNT) float32, least time in s of each robot among others that
-            have parked, by a bit for each of those, by its cell and axis.
-        slice_s: length in s of a slice of time, in which a cell is reached with an axis but once.
-    """
+    """Board and times that a group plans by."""
 
     board: Board
+    # (N, 2^N, cells, AXIS_COUNT) float32, least time in s of each robot among others that have
+    # parked, by a bit for each of those, by its cell and axis
     around: np.ndarray
-    slice_s: float
+    slice_s: float  # length of a slice of time, in which a cell is reached with an axis but once
 
 
 @inlined

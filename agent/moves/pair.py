@@ -28,18 +28,12 @@ _SETTLED_S = 1e-3  # change of a value that ends the iteration
 
 
 class PairTimes(NamedTuple):
-    """Times by which two robots choose their moves.
-
-    Attributes:
-        board: that they drive on.
-        alone: (2, cells, AXIS_COUNT) float64, least time in s of each robot as if alone.
-        delay: (cells, AXIS_COUNT, cells, AXIS_COUNT) uint16, by cell and axis of the first robot
-            and of the second: least time of both together over the sum of `alone`, in `GRAIN_S`;
-            `UNREACHABLE` where there is none.
-    """
+    """Times by which two robots choose their moves."""
 
     board: Board
-    alone: np.ndarray
+    alone: np.ndarray  # (2, cells, AXIS_COUNT) float64, least time in s of each robot as if alone
+    # (cells, AXIS_COUNT, cells, AXIS_COUNT) uint16, by cell and axis of the first robot and of the
+    # second: least time of both together over the sum of `alone`, in `GRAIN_S`, or `UNREACHABLE`
     delay: np.ndarray
 
 

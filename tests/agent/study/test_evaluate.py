@@ -16,7 +16,7 @@ from agent.evaluation.rows import measures
 from agent.study.options import Sampling
 from agent.study.report import Report
 from agent.study.store import FILE, EpisodeStore, export
-from agent.study.studies import STARTS, evaluate
+from agent.study.studies import STARTS, EvaluationReport, evaluate
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
 from cosim.model.config import CoSimConfig
@@ -219,7 +219,7 @@ def test_command_prints_json_last(command, whole, near_file):
     done = command("evaluate", near_file, *options)  # everything is there already
     assert done.returncode == 0, done.stderr
     assert "outcomes with 95 % intervals" in done.stdout
-    assert msgspec.json.decode(done.stdout.splitlines()[-1], type=Report) == report
+    assert msgspec.json.decode(done.stdout.splitlines()[-1], type=EvaluationReport) == report
 
 
 def test_policy_of_another_scenario_is_refused(command, near_file, tmp_path):

@@ -20,7 +20,6 @@ def test_given_fields_override_defaults(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (None, "no such settings file"),
         ("[proces]\n", "table proces is unknown"),
         ("[process]\nslip = 1\n", "process.slip is unknown"),
         ('[learning]\neta = "big"\n', "learning: eta = .*xpected float, got str"),
@@ -31,7 +30,6 @@ def test_given_fields_override_defaults(tmp_path):
 )
 def test_wrong_files_are_refused(tmp_path, text, message):
     path = tmp_path / "s.toml"
-    if text is not None:
-        path.write_text(text)
+    path.write_text(text)
     with pytest.raises(UserError, match=message):
         read_settings(path)
