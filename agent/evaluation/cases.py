@@ -32,16 +32,12 @@ _ORDER, _NOISE = 0, 1
 
 @dataclass(frozen=True)
 class Case:
-    """A policy, in its own scenario, under one configuration of the co-simulation.
-
-    Attributes:
-        seed: of samples of starts and of the speed noise.
-    """
+    """A policy, in its own scenario, under one configuration of the co-simulation."""
 
     policy: GreedyPolicy
     config: CoSimConfig
     fmu: Path
-    seed: int
+    seed: int  # of samples of starts and of the speed noise
 
     @cached_property
     def starts(self) -> np.ndarray:

@@ -60,12 +60,7 @@ class Claim(NamedTuple):
 
 
 def claim_of(text: str | None, confidence: float | None) -> Claim | None:
-    """Return the claim `RATE < p` or `RATE > p`, None if there is no text.
-
-    Raises:
-        ConfigError: the text is no claim, p is too close to 0 or 1, or there is a confidence
-            without a claim.
-    """
+    """Return the claim `RATE < p` or `RATE > p`, None if there is neither text nor confidence."""
     if text is None:
         if confidence is not None:
             raise ConfigError(

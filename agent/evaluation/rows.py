@@ -190,6 +190,28 @@ def option_column(name: str, heading: str | None = None) -> Column:
     return Column(heading or name, lambda row: text_of(row.options[name]))
 
 
+OF_POLICIES = (
+    POLICY,
+    SCENARIO,
+    Column("episodes", lambda r: f"{r.episodes}" if r.claim else f"{r.episodes} of {r.starts}"),
+    *map(rate_column, ENDS),
+    *MEASURES[1:3],
+    PATH_RATIO,
+    MEASURES[0],
+    *MEASURES[3:],
+)
+OF_METHODS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
+OF_WORLDS = (
+    option_column("axis", "not ideal"),
+    option_column("value"),
+    METHOD,
+    SHIELD,
+    Column("speed", lambda row: f"{1e3 * row.drive_speed_m_s:.2f} mm/s"),
+    *OUTCOMES,
+    *MEASURES,
+)
+
+
 def columns_of(rows: Iterable[Row], axes: Iterable[str]) -> Columns:
     """Return the columns of a study with these axes; a claim of its rows has one, too."""
     claims = dict.fromkeys(row.claim.text for row in rows if row.claim)

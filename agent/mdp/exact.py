@@ -40,19 +40,12 @@ UP, DOWN = 2, 6  # directions
 
 
 class Evaluation(NamedTuple):
-    """Greedy episodes from K combinations of start cells in which no robots touch.
+    """Greedy episodes from K combinations of start cells in which no robots touch."""
 
-    Attributes:
-        starts: (K, N, 2) int64, start cells.
-        outcome: (K,) int8, rank of `cosim.model.outcome.Outcome`.
-        path_cells: (K, N) float64, path length of each robot in cells.
-        steps: (K, N) int64, moves of each robot.
-    """
-
-    starts: np.ndarray
-    outcome: np.ndarray
-    path_cells: np.ndarray
-    steps: np.ndarray
+    starts: np.ndarray  # (K, N, 2) int64, start cells
+    outcome: np.ndarray  # (K,) int8, rank of `cosim.model.outcome.Outcome`
+    path_cells: np.ndarray  # (K, N) float64, path length of each robot in cells
+    steps: np.ndarray  # (K, N) int64, moves of each robot
 
     def rate(self, outcome: Outcome) -> float:
         """Share of the starts with an outcome."""

@@ -35,19 +35,13 @@ EPISODES: JobKind[Job, EpisodeResult] = JobKind(
 
 @dataclass(frozen=True)
 class Line:
-    """What a row is made of: a case, and which of its episodes.
-
-    Attributes:
-        indices: of the starts, see `Case.sample`.
-        policy, options: of the row.
-        claim: statement about the policy; the row ends with the episode that decides it.
-    """
+    """What a row is made of: a case, and which of its episodes."""
 
     case: Case
-    indices: list[int]
-    policy: str
+    indices: list[int]  # of the starts, see `Case.sample`
+    policy: str  # of the row, as are its options
     options: dict[str, Any] = field(default_factory=dict)
-    claim: Claim | None = None
+    claim: Claim | None = None  # about the policy; the row ends with the episode that decides it
 
     def __post_init__(self) -> None:
         if self.claim is not None and self.case.config.on_collision != "end":

@@ -19,20 +19,13 @@ SUFFIXES = (".json", ".md", ".parquet", ".png")
 
 
 class Report(msgspec.Struct, frozen=True, kw_only=True):
-    """Rows of a study: policies in scenarios, with every combination of the axes.
+    """Rows of a study: policies in scenarios, with every combination of the axes."""
 
-    Attributes:
-        axes: names of the options that vary.
-        seed: of samples of starts and of what episodes draw; None without rows.
-        table: columns of a kind of reports; by default names, axes, claims, outcomes and measures.
-        title: of the table on a terminal.
-    """
-
-    table: ClassVar[Columns] = ()
-    title: ClassVar[str | None] = None
+    table: ClassVar[Columns] = ()  # of a kind of reports; by default `columns_of` its rows
+    title: ClassVar[str | None] = None  # of the table on a terminal
     schema_version: int = 2
-    seed: int | None = None
-    axes: tuple[str, ...] = ()
+    seed: int | None = None  # of samples of starts and of what episodes draw; None without rows
+    axes: tuple[str, ...] = ()  # names of the options that vary
     rows: tuple[Row, ...]
 
     def __repr__(self) -> str:

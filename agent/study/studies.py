@@ -15,19 +15,7 @@ from rich.console import Console
 from rich.markdown import Markdown
 
 from agent.evaluation.claims import claim_of
-from agent.evaluation.rows import (
-    MEASURES,
-    METHOD,
-    MU,
-    OUTCOMES,
-    PATH_RATIO,
-    POLICY,
-    SCENARIO,
-    SHIELD,
-    Row,
-    option_column,
-    rate_column,
-)
+from agent.evaluation.rows import OF_METHODS, OF_POLICIES, OF_WORLDS, Row
 from agent.evaluation.statistics import Interval, interval_text
 from agent.study.engine import Line, lines_of, measure
 from agent.study.grid import policy_files, show_failures
@@ -41,8 +29,7 @@ from cosim.base.arguments import validate_argument
 from cosim.base.jobs import until
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_toml
-from cosim.base.table import Column, write_report
-from cosim.model.outcome import ENDS
+from cosim.base.table import write_report
 from cosim.model.params import TABLE_I
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import PAPER, ROUGH, find_scenario, read_world
@@ -66,16 +53,7 @@ _GOALS = {
 class EvaluationReport(Report, frozen=True, kw_only=True):
     """What policies achieve; path, rotation, time and energy are means of successes."""
 
-    table = (
-        POLICY,
-        SCENARIO,
-        Column("episodes", lambda r: f"{r.episodes}" if r.claim else f"{r.episodes} of {r.starts}"),
-        *map(rate_column, ENDS),
-        *MEASURES[1:3],
-        PATH_RATIO,
-        MEASURES[0],
-        *MEASURES[3:],
-    )
+    table = OF_POLICIES
     title = "outcomes with 95 % intervals"
 
     def show(self) -> None:
@@ -141,7 +119,7 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
 class TransferReport(Report, frozen=True, kw_only=True):
     """The content of transfer.json: `simulated` episodes are in its folder."""
 
-    table = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
+    table = OF_METHODS
     episode_wall_s: float
     simulated: int
     goals: tuple[Goal, ...]
@@ -222,15 +200,7 @@ def goals(best: Iterable[Row]) -> Iterator[Goal]:
 class RobustnessReport(Report, frozen=True, kw_only=True):
     """Content of robustness.json: methods in worlds, with what is not ideal in each."""
 
-    table = (
-        option_column("axis", "not ideal"),
-        option_column("value"),
-        METHOD,
-        SHIELD,
-        Column("speed", lambda row: f"{1e3 * row.drive_speed_m_s:.2f} mm/s"),
-        *OUTCOMES,
-        *MEASURES,
-    )
+    table = OF_WORLDS
 
 
 def robustness(
@@ -280,13 +250,7 @@ def robustness(
 
 
 def worlds_of(axis: str, scenario: Scenario, everything: World) -> Iterator[tuple[str, World]]:
-    """Return how much is not ideal on an axis, as text for the table, and the world of it.
-
-    Args:
-        axis: what is not ideal.
-        scenario: its board.
-        everything: the world in which nothing is ideal.
-    """
+    """Return how much is not ideal on an axis, as text, and the world; one has `everything`."""
     camera = msgspec.to_builtins(read_world(ROUGH).sensor)
     (left, right), (bottom, top) = (
         ((0, size // 2 - 1), (size // 2, size - 1)) for size in (scenario.columns, scenario.rows)

@@ -114,11 +114,7 @@ def _measured(
 
 
 def _by_name(policies: Any) -> dict[str, Any]:
-    """Return policies by name.
-
-    Raises:
-        ConfigError: two have one name.
-    """
+    """Return policies by name; refuse two of one name."""
     if isinstance(policies, Mapping):
         return {str(name): policy for name, policy in policies.items()}
     several = policies if isinstance(policies, list | tuple) else [policies]
@@ -132,12 +128,7 @@ def _by_name(policies: Any) -> dict[str, Any]:
 
 
 def read_study(path: Path) -> dict[str, Any]:
-    """Return the arguments of `study` that a TOML file has.
-
-    Raises:
-        ConfigError: there is no such file, it is no TOML, it names no policies, or it has what is
-            an option of the command.
-    """
+    """Return the arguments of `study` that a TOML file has; refuse options of the command."""
     content = read_toml(path, _FILE)
     if "policies" not in content:
         raise ConfigError(f'{path}: names no policies; add one, such as policies = ["moves"]')

@@ -45,35 +45,20 @@ _FILE = Kind("file of learning curves", "train again")
 
 
 class TrainingLog(NamedTuple):
-    """Learning curves: K points of behaviour (exploring) and G exact greedy evaluations.
+    """Learning curves: K points of behaviour (exploring) and G exact greedy evaluations."""
 
-    Attributes:
-        episode: (K,) int64, episodes done at each point.
-        success: (K,) success rate over the last episodes (Section V.B: 100) before each point.
-        path_length_cm: (K,) mean over robots and successful episodes; NaN without a success.
-        steps: (K,) moves, the same means.
-        returns: (K, N) mean undiscounted return of each robot.
-        epsilon: (K,) exploration probability.
-        greedy_episode: (G,) int64, episodes done at each greedy evaluation.
-        greedy_success: (G,) exact success rate over all starts (see `MAX_CURVE_STARTS`).
-        greedy_path_length_cm: (G,) mean over robots and successful starts.
-        greedy_steps: (G,) moves, the same mean.
-        map_episode: (S,) int64, episodes done at each moment with maps.
-        maps: (S, N, 3, columns, rows) float32, value, greedy direction and visits of each cell.
-    """
-
-    episode: np.ndarray
-    success: np.ndarray
-    path_length_cm: np.ndarray
-    steps: np.ndarray
-    returns: np.ndarray
-    epsilon: np.ndarray
-    greedy_episode: np.ndarray
-    greedy_success: np.ndarray
-    greedy_path_length_cm: np.ndarray
-    greedy_steps: np.ndarray
-    map_episode: np.ndarray
-    maps: np.ndarray
+    episode: np.ndarray  # (K,) int64, episodes done at each point
+    success: np.ndarray  # (K,) rate over the last episodes (Section V.B: 100) before each point
+    path_length_cm: np.ndarray  # (K,) mean over robots and successful episodes; NaN without any
+    steps: np.ndarray  # (K,) moves, the same means
+    returns: np.ndarray  # (K, N) mean undiscounted return of each robot
+    epsilon: np.ndarray  # (K,) exploration probability
+    greedy_episode: np.ndarray  # (G,) int64, episodes done at each greedy evaluation
+    greedy_success: np.ndarray  # (G,) exact rate over all starts (see `MAX_CURVE_STARTS`)
+    greedy_path_length_cm: np.ndarray  # (G,) mean over robots and successful starts
+    greedy_steps: np.ndarray  # (G,) moves, the same mean
+    map_episode: np.ndarray  # (S,) int64, episodes done at each moment with maps
+    maps: np.ndarray  # (S, N, 3, columns, rows) float32, value, greedy direction, visits
 
     def save(self, path: Path) -> None:
         """Write as `.npz`, whole or not at all."""
