@@ -57,10 +57,6 @@ class ObjectPolicy:
         """Return what the object is known by; of an object without identity a number drawn."""
         return f"{self._digest}-{self.config.scenario.digest()}"
 
-    def maps(self) -> list[Any]:
-        """Return the object's maps of the cells of the board, if it has any."""
-        return getattr(self.policy, "maps", list)()
-
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name == "policy":
             raise AttributeError(name)

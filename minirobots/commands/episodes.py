@@ -104,7 +104,7 @@ class Run(Command):
         return find_scenario(self.scenario).name
 
     def run(self, progress: Progress) -> Output:
-        from agent.evaluation.series import run_series
+        from agent.evaluation.run import run_episodes
         from cosim.base.table import show_texts
         from cosim.recording.series import with_bursts
         from cosim.simulation.ahead import compiling_ahead
@@ -133,7 +133,7 @@ class Run(Command):
             policy, log = self._policy(scenario, progress)
         how = {"log": log, "viewer": viewer, "progress": progress}
         work = {"episodes": self.episodes, "threads": threads}
-        results = run_series(setup, policy, out, self.physics, **work, **how)
+        results = run_episodes(setup, policy, out, self.physics, **work, **how)
         names = "episode", "outcome", "path length", "rotation", "simulated", "× real time"
         rows = [
             (

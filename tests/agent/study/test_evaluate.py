@@ -24,7 +24,6 @@ from cosim.model.outcome import Outcome
 from cosim.model.params import TABLE_I
 from cosim.simulation.options import SimulationOptions
 from cosim.simulation.result import EpisodeResult
-from minirobots.commands.policies import Evaluate
 
 RESULT = EpisodeResult(
     Outcome.SUCCESS, 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
@@ -198,19 +197,6 @@ def test_episodes_are_exported(whole, tmp_path):
     assert set(table["mu"]) == {0.15}
     with pytest.raises(UserError, match="no such file of results"):
         export(tmp_path, tmp_path / "none.parquet")
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"starts": "many"}, "--starts many is neither 'all' nor a positive number"),
-        ({"starts": "0"}, "--starts 0 is neither"),
-        ({"recordings": -1}, "recordings = -1 is invalid: expected int >= 0"),
-    ],
-)
-def test_bad_options_are_refused(options, message):
-    with pytest.raises(UserError, match=message):
-        Evaluate(policies=(), **options)
 
 
 def test_command_prints_json_last(command, whole, near_file):

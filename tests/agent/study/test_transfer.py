@@ -13,7 +13,7 @@ from agent.study.studies import TransferReport, goals, robustness, transfer, wor
 from cosim.base.errors import UserError
 from cosim.model.scenario_file import ROUGH, find_scenario, in_world, read_world
 from cosim.model.world import IDEAL, World
-from minirobots.commands.policies import Robustness, Transfer
+from minirobots.commands.policies import Evaluate, Robustness, Transfer
 
 BOARD = """
 columns = 14
@@ -154,6 +154,9 @@ def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
 @pytest.mark.parametrize(
     ("command", "options", "message"),
     [
+        (Evaluate, {"starts": "many"}, "--starts many is neither 'all' nor a positive number"),
+        (Evaluate, {"starts": "0"}, "--starts 0 is neither"),
+        (Evaluate, {"recordings": -1}, "recordings = -1 is invalid: expected int >= 0"),
         (Transfer, {"budget_minutes": -1.0}, "budget_minutes = -1.0 is invalid"),
         (Transfer, {"scenarios": ("7",)}, "unknown scenario '7'"),
         (Transfer, {"scenarios": ("4", "4")}, "--scenarios has two of one name"),

@@ -44,7 +44,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     schema_version: int = 1
 
 
-def run_series(
+def run_episodes(
     setup: Setup,
     policy: GreedyPolicy,
     out: Path,
