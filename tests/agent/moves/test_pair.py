@@ -32,15 +32,18 @@ BOARD = Scenario(
 )  # fmt: skip
 KEPT_CELLS = 34  # squared, of robots of 5 cm with a gap of 8.3 mm
 SECONDS = (3.0, 5.0, 9.0, 5.5, 3.9, 6.5, 11.0, 7.9)  # by kind
-MOVES = ObservedMoves(
-    "", 0,
-    tuple(
+
+
+def lasting(*seconds, **options):
+    """A move of every kind, heading east or north-east first."""
+    moves = [
         Move(k // 4, (k // 4 + k) % 4, NO_DIRECTION, 1, k // 4, 0.5, s, 0, 0, 0, 0)
-        for k, s in enumerate(SECONDS)
-    ),
-    rl_step_s=0.1,
-    through=True,
-)  # fmt: skip
+        for k, s in enumerate(seconds)
+    ]
+    return ObservedMoves("", 0, tuple(moves), **options)
+
+
+MOVES = lasting(*SECONDS, rl_step_s=0.1, through=True)
 STEPS = DIRECTIONS.tolist()
 MEAN_S = mean_seconds(MOVES).tolist()
 PROCESS = ProcessConfig(features=("x", "y", "h", "p"))
@@ -95,10 +98,15 @@ def least_time(state):
     return np.inf
 
 
+def observe(scenario, cells, directions, goals=None):
+    cells = np.array(cells)
+    none = np.zeros(len(cells), dtype=np.int64)
+    goals = cells if goals is None else np.array(goals)
+    return Observation(cells, none, none, np.array(directions), np.array(scenario.targets), goals)
+
+
 def seen(state):
-    cells, axes = np.array([cell[:2] for cell in state]), np.array([cell[2] for cell in state])
-    none = np.zeros(2, dtype=np.int64)
-    return Observation(cells, none, none, axes, np.array(BOARD.targets))
+    return observe(BOARD, [cell[:2] for cell in state], [cell[2] for cell in state])
 
 
 @pytest.mark.parametrize("state", [((8, 1, 2), (0, 7, 2)), ((7, 4, 1), (2, 3, 3))])
@@ -196,11 +204,11 @@ def test_directions_that_fail_have_no_value_in_recordings_and_states_off_the_boa
 PAIRS = ProcessConfig(features=("x", "y", "h", "p"))
 
 
-def config(scenario, objective):
-    joint = objective == "fastest" and scenario.robots == 2
+def config(scenario, method):
+    joint = method == "fastest" and scenario.robots == 2
     process = PAIRS if joint else ProcessConfig(features=("x", "y", "h"))
     moves = msgspec.structs.replace(MOVES, cell_m=scenario.cell_m)
-    return PolicyConfig(scenario, process, LearningConfig(), Seed(0), moves, method=objective)
+    return PolicyConfig(scenario, process, LearningConfig(), Seed(0), moves, method=method)
 
 
 def made(given):
@@ -214,10 +222,10 @@ def near(gap):
     return replace(BOARD, name="near", targets=targets, starts=(((0, 7),), ((8, 8), (8, 0))))
 
 
-@pytest.mark.parametrize("objective", ["fastest", "planned"])
+@pytest.mark.parametrize("method", ["fastest", "planned"])
 @pytest.mark.parametrize("gap", [(5, 1), (5, 2), (5, 3), (4, 4)])
-def test_robots_park_at_targets_that_are_near(gap, objective):
-    policy = made(config(near(gap), objective))
+def test_robots_park_at_targets_that_are_near(gap, method):
+    policy = made(config(near(gap), method))
     assert policy.evaluate().rate(Outcome.SUCCESS) == 1.0
 
 
@@ -241,31 +249,31 @@ def test_clearances_follow_diameter_and_cells(diameter_m, cell_m):
     assert board_of(process, MOVES).kept ** 0.5 * cell_m == pytest.approx(kept_m)
 
 
-@pytest.mark.parametrize("objective", ["fastest", "planned", None])
+@pytest.mark.parametrize("method", ["fastest", "planned", None])
 @pytest.mark.parametrize("robots", [1, 2])
-def test_targets_that_cannot_be_reached_are_refused(robots, objective):
+def test_targets_that_cannot_be_reached_are_refused(robots, method):
     board = Scenario(
         "walled", "", ((24, 10), (3, 3))[:robots], (((5, 7), (20, 8)), ((5, 16),))[:robots],
         30, 20, obstacles=tuple((14, y) for y in range(20)),
     )  # fmt: skip
     with pytest.raises(UserError, match="there is no path to"):
-        if objective is None:
+        if method is None:
             learn(PolicyConfig(board, ProcessConfig(), LearningConfig(episodes=1), Seed(0)))
         else:
-            made(config(board, objective))
+            made(config(board, method))
 
 
 def test_first_moves_of_plans_keep_the_gap():
     """The lines of two moves that begin at once, which may begin and end at any time."""
     board = replace(BOARD, name="wide", targets=((1, 1), (14, 14)), columns=16, rows=16)
     policy, rng = GroupPolicy.computed(config(board, "planned")), np.random.default_rng(0)
-    share, none, apart = np.linspace(0.0, 1.0, 101)[:, None], np.zeros(2, dtype=np.int64), []
+    share, apart = np.linspace(0.0, 1.0, 101)[:, None], []
     for cells in rng.integers(16, size=(400, 2, 2)):
         if not 5.83 <= math.dist(*cells) < 9.0 or (cells == board.targets).all(axis=1).any():
             continue
-        seen = Observation(cells, none, none, none, np.array(board.targets), cells)
-        if policy.q_values(seen).max(axis=1).min() > -1e4:  # both have a plan
-            steps = DIRECTIONS[policy.act(seen).action]
+        asked = observe(board, cells, [0, 0])
+        if policy.q_values(asked).max(axis=1).min() > -1e4:  # both have a plan
+            steps = DIRECTIONS[policy.act(asked).action]
             first, second = cells[:, None] + share * steps[:, None]
             apart.append(np.linalg.norm(first[:, None] - second, axis=2).min())
     nearest, *others = sorted(apart)
