@@ -83,11 +83,11 @@ def evaluate(
         starts, exactly: see `count` of `lines_of`.
     """
     assert how.out is not None
-    store, may_begin = EpisodeStore(how.out), until(how.budget_minutes)
+    store = EpisodeStore(how.out)
     by_name = {name_of(policy): policy for policy in policy_files(policies)}
     which: dict[str, Any] = {"exactly": exactly, "claim": claim_of(how.claim, how.confidence)}
     lines = lines_of(by_name, [scenario], vars(physics), how.seed, starts, progress, **which)
-    more: dict[str, Any] = {"recordings": recordings, "may_begin": may_begin, "progress": progress}
+    more = {"recordings": recordings, "may_begin": until(how.budget_minutes), "progress": progress}
     return EvaluationReport(seed=how.seed, rows=measure(lines, store, how.where, **more))
 
 

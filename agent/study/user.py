@@ -87,9 +87,8 @@ def _measured(
 ) -> Report:
     """Measure and keep what `study` and `evaluate` are given; see `lines_of`."""
     how, given = record_of(Sampling, options)
-    folder, may_begin = how.out, until(how.budget_minutes)
-    claim = claim_of(how.claim, how.confidence)
-    which: dict[str, Any] = {"exactly": exactly, "claim": claim}
+    folder = how.out
+    which: dict[str, Any] = {"exactly": exactly, "claim": claim_of(how.claim, how.confidence)}
     lines = lines_of(policies, scenarios, given, how.seed, count, progress, **which)
     odd = [line.policy for line in lines if not getattr(line.case.policy, "recognizable", True)]
     if folder is not None and odd:
@@ -99,13 +98,13 @@ def _measured(
             ", ".join(dict.fromkeys(odd)),
         )
     store = EpisodeStore(None if folder is None or odd else folder / "results")
-    rows = measure(lines, store, how.where, may_begin=may_begin, progress=progress)
-    episodes = [line.results(store) for line in lines]
-    whole = [
-        msgspec.structs.replace(row, results=results)
-        for row, results in zip(rows, episodes, strict=True)
-    ]
-    table = Report(rows=tuple(whole), axes=tuple(lines[0].options), seed=how.seed)
+    may_begin = until(how.budget_minutes)
+    measured = measure(lines, store, how.where, may_begin=may_begin, progress=progress)
+    rows = tuple(
+        msgspec.structs.replace(row, results=line.results(store))
+        for row, line in zip(measured, lines, strict=True)
+    )
+    table = Report(rows=rows, axes=tuple(lines[0].options), seed=how.seed)
     if folder is not None:
         for suffix in SUFFIXES:
             table.write(folder / f"study{suffix}")
