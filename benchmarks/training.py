@@ -14,7 +14,7 @@ import numpy as np
 
 import agent.envs
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.training.learning import build_learning, initial_state
 from agent.training.qlearning import advance
 from agent.training.runs import Experiment, make_runs

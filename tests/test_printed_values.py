@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.training.learning import EPISODES, build_learning, initial_state
 from agent.training.qlearning import advance
 from agent.training.settings import LearningConfig

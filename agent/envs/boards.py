@@ -32,7 +32,7 @@ from agent.mdp.grid import (
     place_randomly,
     slipped,
 )
-from agent.mdp.readings import FREE, GOAL, Process, build_process, feature_sizes
+from agent.mdp.interpretations import FREE, GOAL, Process, build_process, feature_sizes
 from agent.mdp.rng import seeded_state
 from cosim.base.arguments import ConfigError, numbers, validate_argument
 from cosim.base.errors import shorten

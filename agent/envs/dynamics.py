@@ -27,7 +27,7 @@ from agent.envs.boards import (
 from agent.mdp.config import ProcessConfig, refuse_without_effect
 from agent.mdp.greedy import on_grid
 from agent.mdp.grid import X, Y
-from agent.mdp.readings import Process, build_process
+from agent.mdp.interpretations import Process, build_process
 from agent.mdp.rewards import failed, step_reward
 from agent.moves.worlds import checked_ranges, draw_world
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument

@@ -32,16 +32,12 @@ _ORDER, _NOISE = 0, 1
 
 @dataclass(frozen=True)
 class Case:
-    """A policy, in its own scenario, under one configuration of the co-simulation.
-
-    Attributes:
-        seed: of samples of starts and of the speed noise.
-    """
+    """A policy, in its own scenario, under one configuration of the co-simulation."""
 
     policy: GreedyPolicy
     config: CoSimConfig
     fmu: Path
-    seed: int
+    seed: int  # of samples of starts and of the speed noise
 
     @cached_property
     def starts(self) -> np.ndarray:
@@ -49,13 +45,9 @@ class Case:
         return joint_starts(self.policy.process)
 
     def sample(self, count: int) -> list[int]:
-        """Return distinct indices of starts in an order drawn with the seed.
+        """Return distinct indices of starts in an order drawn with the seed; refuse too many.
 
-        A smaller sample is the beginning of a larger one, and whatever was simulated of a sample
-        is a sample itself.
-
-        Raises:
-            UserError: there are fewer.
+        A smaller sample is the beginning of a larger one.
         """
         if count > len(self.starts):
             raise UserError(
@@ -65,9 +57,9 @@ class Case:
         return self.rounds(count)
 
     def rounds(self, count: int) -> list[int]:
-        """Return indices that go round all starts, again and again, each with noise of its own.
+        """Return indices that go round all starts, each round in an order of its own.
 
-        Every round has an order of its own; fewer are the beginning of more.
+        Fewer are the beginning of more; every index has noise of its own.
         """
         available, indices = len(self.starts), list[int]()
         for number in range(-(-count // available)):
@@ -119,26 +111,20 @@ class Job:
 
     def task(self) -> Task:
         """Return what to simulate."""
-        case, config = self.case, self.case.config
-        return Task(
-            case.policy.config.scenario,
-            case.fmu,
-            config if self.recording is None else with_bursts(config, "default"),
-            case.policy,
-            case.start_cells(self.index),
-            case.noise_seed(self.index),
-            None if self.recording is None else self._record(self.recording),
-        )
-
-    def _record(self, path: Path) -> Record:
-        case, index, policy = self.case, self.index, self.case.policy
-        facts = run_facts(policy.config.scenario, case.seed, case.fmu) | {
-            "episode": index,
-            "starts": case.start_cells(index),
-            "train_episodes": policy.episodes,
-            "method": getattr(policy.config, "method", "other"),
-        }
-        return Record(path, facts, maps=False, recording_id=f"{case.digest}-{index}")
+        case, policy, config, record = self.case, self.case.policy, self.case.config, None
+        scenario, starts = policy.config.scenario, case.start_cells(self.index)
+        if self.recording is not None:
+            config = with_bursts(config, "default")
+            facts = run_facts(scenario, case.seed, case.fmu) | {
+                "episode": self.index,
+                "starts": starts,
+                "train_episodes": policy.episodes,
+                "method": getattr(policy.config, "method", "other"),
+            }
+            identity = f"{case.digest}-{self.index}"
+            record = Record(self.recording, facts, maps=False, recording_id=identity)
+        noise_seed = case.noise_seed(self.index)
+        return Task(scenario, case.fmu, config, policy, starts, noise_seed, record)
 
 
 def run_jobs(

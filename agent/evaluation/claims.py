@@ -11,7 +11,7 @@ from typing import NamedTuple
 import msgspec
 
 from agent.evaluation.sequential import SequentialTest, Verdict
-from cosim.base.arguments import ConfigError, validate_argument
+from cosim.base.arguments import ConfigError
 from cosim.model.outcome import ENDS, Outcome
 from cosim.simulation.result import EpisodeResult
 
@@ -25,22 +25,14 @@ _LEAST = 1e-6  # of a limit: some ten million episodes
 
 
 class JudgedClaim(msgspec.Struct, frozen=True):
-    """A claim, its verdict and the evidence.
-
-    Attributes:
-        confidence: least probability that the verdict is right, for any policy.
-        verdict: certified, refused, or undecided because there are too few episodes.
-        episodes: number of episodes until the decision, or in all.
-        against: number of these that contradict the claim.
-        enough: number of episodes that certifies the claim if no more of them contradict it.
-    """
+    """A claim, its verdict and the evidence."""
 
     text: str
-    confidence: float
-    verdict: Verdict
-    episodes: int
-    against: int
-    enough: int
+    confidence: float  # least probability that the verdict is right, for any policy
+    verdict: Verdict  # undecided if there are too few episodes
+    episodes: int  # until the decision, or in all
+    against: int  # number of these that contradict the claim
+    enough: int  # number of episodes that certifies it if no more of them contradict it
 
     def __str__(self) -> str:
         """Return the claim with its evidence."""
@@ -60,7 +52,7 @@ class Claim(NamedTuple):
     confidence: float
 
     def judge(self, results: Iterable[EpisodeResult]) -> JudgedClaim:
-        """Return the verdict of a sequential test, which looks at no episode after its decision."""
+        """Return the verdict of a sequential test, which uses no episode after its decision."""
         test = SequentialTest(self.limit, _complement(self.confidence))
         verdict, episodes, against = test.decide(r.outcome in self.against for r in results)
         enough = test.episodes_to_certify(against)
@@ -68,14 +60,7 @@ class Claim(NamedTuple):
 
 
 def claim_of(text: str | None, confidence: float | None) -> Claim | None:
-    """Return the claim `RATE < p` or `RATE > p`, None if there is no text.
-
-    Raises:
-        ConfigError: the text is no claim, p is too close to 0 or 1, the confidence is not between
-            0 and 1, or it is given without a claim.
-    """
-    text = validate_argument("claim", text, str | None)
-    confidence = validate_argument("confidence", confidence, float | None)
+    """Return the claim `RATE < p` or `RATE > p`, None if there is neither text nor confidence."""
     if text is None:
         if confidence is not None:
             raise ConfigError(
@@ -83,9 +68,6 @@ def claim_of(text: str | None, confidence: float | None) -> Claim | None:
                 "a claim such as 'collision < 1e-2'"
             )
         return None
-    confidence = CONFIDENCE if confidence is None else confidence
-    if not 0.0 < confidence < 1.0:
-        raise ConfigError(f"confidence = {confidence:g} must be above 0 and below 1")
     match = _FORM.fullmatch(text)
     if match is None or match[1] not in RATES:
         raise ConfigError(
@@ -99,7 +81,7 @@ def claim_of(text: str | None, confidence: float | None) -> Claim | None:
             f"claim {text!r} cannot be certified; give a rate from {_LEAST:g} to 1 - {_LEAST:g}"
         )
     against = RATES[name] if relation == "<" else frozenset(ENDS) - RATES[name]
-    return Claim(f"{name} {relation} {number}", against, limit, confidence)
+    return Claim(f"{name} {relation} {number}", against, limit, confidence or CONFIDENCE)
 
 
 def _complement(share: float | str) -> float:

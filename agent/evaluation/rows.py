@@ -8,7 +8,13 @@ import numpy as np
 
 from agent.evaluation.cases import Case
 from agent.evaluation.claims import JudgedClaim
-from agent.evaluation.statistics import Interval, interval_text, rate, summarise
+from agent.evaluation.statistics import (
+    Interval,
+    Statistics,
+    interval_text,
+    rate,
+    summarise,
+)
 from agent.mdp.greedy import GreedyPolicy
 from cosim.base.table import Column, Columns, field, markdown
 from cosim.model.outcome import ENDS, SUCCESS, Outcome
@@ -30,35 +36,14 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What a policy achieves in a scenario; None where there is no such number.
 
     Every outcome has the share of the episodes that ended so, and its 95 % Wilson interval; on the
-    grid only success from a sample of the starts has one, as all else is exact.
-
-    In the dynamics `min_distance_cm` is the smallest distance between two robots' centres in any
-    episode. Path, rotation, time, energy and moves are means over successful episodes, path,
-    rotation and moves also over the robots, the energy summed over them. `path_ratio_to_grid` is
-    the mean over the episodes that succeed here and on the grid of the path over that of the same
-    policy's exact grid episode from the same start, with its 95 % Student interval.
-
-    Attributes:
-        policy: its name, file or method.
-        options: values of the axes of a study, by name.
-        episodes, planned: counted, and asked for.
-        steps: moves.
-        ratio_to_bound, steps_ratio_to_bound: path and moves over the exact optimum
-            (`agent.mdp.optimum.ratios`).
-        mu, shield, drive_speed_m_s: of the co-simulation; the speed is that of the calibration.
-        starts: combinations of start cells that the scenario has; on the grid those evaluated.
-        wall_s: wall-clock time of the episodes counted, of all threads together.
-        digest: of the case.
-        failing_starts: how many episodes did not end in success.
-        failures: these; on the grid at most the first 1000.
-        recordings: files.
-        results: episodes, by index of the start.
-        claim: with its verdict and evidence, if there is one.
+    grid only success from a sample of the starts has one, as all else is exact. In the dynamics
+    path, rotation, time, energy and moves are means over successful episodes, path, rotation and
+    moves also over the robots, the energy summed over them.
     """
 
-    policy: str
+    policy: str  # its name, file or method
     scenario: str
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = {}  # values of the axes of a study, by name
     episodes: int
     success: float | None = None
     success_low: float | None = None
@@ -74,27 +59,29 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     timeout_high: float | None = None
     path_length_cm: float | None = None
     rotation_deg: float | None = None
+    # Mean over the episodes that succeed here and on the grid of the path over that of the policy's
+    # exact grid episode from the same start, with its Student interval
     path_ratio_to_grid: float | None = None
     path_ratio_to_grid_low: float | None = None
     path_ratio_to_grid_high: float | None = None
-    min_distance_cm: float | None = None
+    min_distance_cm: float | None = None  # of two robots' centres in any episode
     sim_time_s: float | None = None
     energy_j: float | None = None
-    steps: float | None = None
-    ratio_to_bound: float | None = None
+    steps: float | None = None  # moves
+    ratio_to_bound: float | None = None  # path over the exact optimum, `agent.mdp.optimum.ratios`
     steps_ratio_to_bound: float | None = None
     mu: float | None = None
     shield: bool | None = None
-    drive_speed_m_s: float | None = None
-    starts: int
-    planned: int
-    wall_s: float | None = None
-    digest: str = ""
-    failing_starts: int
-    failures: tuple[Failure, ...] = ()
+    drive_speed_m_s: float | None = None  # of the calibration
+    starts: int  # combinations of start cells that the scenario has; on the grid those evaluated
+    planned: int  # episodes asked for
+    wall_s: float | None = None  # of the episodes, of all threads together
+    digest: str = ""  # of the case
+    failing_starts: int  # episodes that did not end in success
+    failures: tuple[Failure, ...] = ()  # these; on the grid at most the first 1000
     recordings: tuple[str, ...] = ()
     claim: JudgedClaim | None = None
-    results: dict[int, EpisodeResult] = {}
+    results: dict[int, EpisodeResult] = {}  # by index of the start
 
     def __repr__(self) -> str:
         """Return what an interactive session shows: the row's table, and not its episodes."""
@@ -127,30 +114,21 @@ _ROW_ONLY = (
 
 def measures(case: Case, results: Mapping[int, EpisodeResult]) -> dict[str, Any]:
     """Return the fields of a `Row` that are statistics over episodes, by index of the start."""
-    shares: dict[str, float | None] = {}
+    found: dict[str, Any] = {"episodes": len(results)}
     for outcome in ENDS:
-        found = rate(sum(r.outcome == outcome for r in results.values()), len(results))
-        shares |= dict(zip((outcome, f"{outcome}_low", f"{outcome}_high"), found, strict=True))
+        count = sum(result.outcome == outcome for result in results.values())
+        found |= _with_ends(outcome, rate(count, len(results)))
     successes = {index: r for index, r in results.items() if r.outcome == Outcome.SUCCESS}
-    distances = [r.min_distance_cm for r in results.values() if r.min_distance_cm is not None]
-    ratio = summarise(_ratios_to_grid(case, successes), 0.0)
-
-    def mean(name: str) -> float | None:
+    for name in ("path_length_cm", "rotation_deg", "sim_time_s", "energy_j"):
         values = [getattr(result, name) for result in successes.values()]
-        return float(np.mean(values)) if values else None
+        found[name] = float(np.mean(values)) if values else None
+    found |= _with_ends("path_ratio_to_grid", summarise(_ratios_to_grid(case, successes), 0.0))
+    distances = [r.min_distance_cm for r in results.values() if r.min_distance_cm is not None]
+    return found | {"min_distance_cm": min(distances, default=None)}
 
-    return {
-        "episodes": len(results),
-        **shares,
-        "path_length_cm": mean("path_length_cm"),
-        "rotation_deg": mean("rotation_deg"),
-        "path_ratio_to_grid": ratio.mean,
-        "path_ratio_to_grid_low": ratio.low,
-        "path_ratio_to_grid_high": ratio.high,
-        "min_distance_cm": min(distances, default=None),
-        "sim_time_s": mean("sim_time_s"),
-        "energy_j": mean("energy_j"),
-    }
+
+def _with_ends(name: str, of: Interval | Statistics) -> dict[str, float | None]:
+    return {name: of.mean, f"{name}_low": of.low, f"{name}_high": of.high}
 
 
 def _ratios_to_grid(case: Case, successes: Mapping[int, EpisodeResult]) -> np.ndarray:
@@ -184,9 +162,8 @@ def _episodes(row: Row) -> str:
 
 
 def _others(row: Row) -> str:
-    shares = (getattr(row, name) or 0.0 for name in ("out_of_board", "timeout"))
-    counts = ", ".join(str(round(row.episodes * share)) for share in shares)
-    return counts if row.episodes else "–"
+    counts = [round(row.episodes * (share or 0.0)) for share in (row.out_of_board, row.timeout)]
+    return ", ".join(map(str, counts)) if row.episodes else "–"
 
 
 POLICY, SCENARIO, METHOD = field("policy"), field("scenario"), field("policy", heading="method")
@@ -211,6 +188,28 @@ MEASURES = (
 def option_column(name: str, heading: str | None = None) -> Column:
     """Return the column of an axis."""
     return Column(heading or name, lambda row: text_of(row.options[name]))
+
+
+OF_POLICIES = (
+    POLICY,
+    SCENARIO,
+    Column("episodes", lambda r: f"{r.episodes}" if r.claim else f"{r.episodes} of {r.starts}"),
+    *map(rate_column, ENDS),
+    *MEASURES[1:3],
+    PATH_RATIO,
+    MEASURES[0],
+    *MEASURES[3:],
+)
+OF_METHODS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
+OF_WORLDS = (
+    option_column("axis", "not ideal"),
+    option_column("value"),
+    METHOD,
+    SHIELD,
+    Column("speed", lambda row: f"{1e3 * row.drive_speed_m_s:.2f} mm/s"),
+    *OUTCOMES,
+    *MEASURES,
+)
 
 
 def columns_of(rows: Iterable[Row], axes: Iterable[str]) -> Columns:

@@ -17,19 +17,13 @@ _OTHERS = 10  # runs that differ from the most frequent value, after which inter
 
 
 class Statistics(msgspec.Struct, frozen=True):
-    """Statistics over runs; None where no run has a value.
-
-    Attributes:
-        iqm: mean of the middle half of the runs.
-        low, high: ends of the 95 % interval of the mean, see `mean_intervals`.
-        runs: runs counted; runs without a value (NaN) are not.
-    """
+    """Statistics over runs; None where no run has a value."""
 
     mean: float | None
-    iqm: float | None
-    low: float | None
+    iqm: float | None  # mean of the middle half of the runs
+    low: float | None  # ends of the 95 % interval of the mean, see `mean_intervals`
     high: float | None
-    runs: int
+    runs: int  # that have a value
 
 
 class Interval(NamedTuple):
@@ -79,13 +73,13 @@ def summarise(
         values: (runs,), NaN or None for a run without a value.
         least, most: possible values, to which the interval is limited.
     """
-    given = np.asarray(values, dtype=float)
-    known = given[np.isfinite(given)]
-    if not len(known):
+    runs = np.asarray(values, dtype=float)
+    runs = runs[np.isfinite(runs)]
+    if not len(runs):
         return Statistics(None, None, None, None, runs=0)
-    ends = mean_intervals(known[:, None])[:, 0].clip(least, most)
+    ends = mean_intervals(runs[:, None])[:, 0].clip(least, most)
     low, high = (None if math.isnan(end) else float(end) for end in ends)
-    return Statistics(float(known.mean()), interquartile_mean(known), low, high, len(known))
+    return Statistics(float(runs.mean()), interquartile_mean(runs), low, high, len(runs))
 
 
 def mean_intervals(values: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ class Variant(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         label: for people.
         scenario: name of a built-in scenario.
         reference: name of the variant that it is compared with, if any.
-        process: readings of the decision process.
+        process: interpretations of the decision process.
         learning: learning configuration; the command may change its number of episodes.
     """
 

@@ -1,1 +1,1 @@
-"""The decision process of the paper, exactly: readings, kernels, evaluation, bounds."""
+"""The decision process of the paper, exactly: interpretations, kernels, evaluation, bounds."""

@@ -1,14 +1,14 @@
-"""Readings of the paper's decision process: every point that it leaves open, checked by name.
+"""Interpretations of the paper's decision process: every point that it leaves open, by name.
 
-What readings mean for a scenario is `agent.mdp.readings`; nothing here is slow to import.
+What they mean for a scenario is `agent.mdp.interpretations`; nothing here is slow to import.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, get_args, get_type_hints
+from typing import Annotated, Literal, get_args
 
 from msgspec import Meta
 
-from cosim.base.arguments import validate_argument
+from cosim.base.arguments import validate_fields
 from cosim.base.errors import UserError
 
 Feature = Literal["x", "y", "d", "g", "b", "h", "p"]
@@ -26,7 +26,7 @@ Count = Annotated[int, Meta(ge=1, le=10**9)]
 
 @dataclass(frozen=True)
 class ProcessConfig:
-    """Readings of the paper's decision process; the defaults are those of this project."""
+    """Interpretations of the paper's decision process; the defaults are those of this project."""
 
     goal_reward: Positive = 100.0
     """L of Eq. (8): reward of the goal, and minus the reward of a failure (Section III)."""
@@ -63,19 +63,12 @@ class ProcessConfig:
     scenario 4, 200 none (docs/reproduction.md)."""
 
     def __post_init__(self) -> None:
-        check_fields(self, "process")
+        validate_fields(self, "process: ")
         if not 0 < len(self.features) == len(set(self.features)):
             raise UserError(
                 f"process: features = {', '.join(self.features)} are not some different ones of "
                 f"{', '.join(FEATURES)}"
             )
-
-
-def check_fields(config: object, table: str) -> None:
-    """Convert the fields of a table of settings to their declared types, within their limits."""
-    for name, kind in get_type_hints(type(config), include_extras=True).items():
-        value = validate_argument(f"{table}: {name}", getattr(config, name), kind)
-        object.__setattr__(config, name, value)
 
 
 Where = Literal[
@@ -91,7 +84,7 @@ _NOT_BETWEEN_CELLS = {
     "collision": "contact is looked for during the move",
     "slip_probability": "moves end where they end",
 }
-# Readings without effect, and what is so instead.
+# Interpretations without effect, and what is so instead.
 _WITHOUT_EFFECT: dict[Where, dict[str, str]] = {
     "training on moves": {
         **_NOT_BETWEEN_CELLS,
@@ -110,10 +103,10 @@ _WITHOUT_EFFECT: dict[Where, dict[str, str]] = {
 
 
 def refuse_without_effect(config: ProcessConfig, where: Where) -> None:
-    """Refuse readings that change nothing.
+    """Refuse interpretations that change nothing.
 
     Args:
-        config: readings.
+        config: interpretations.
         where: the process is used.
     """
     for name, reason in _WITHOUT_EFFECT[where].items():

@@ -8,24 +8,28 @@ says of each cell, for pictures. Statistics over several policies are in
 
 import itertools
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from agent.mdp.grid import (
+    AXIS,
     COLUMN_COUNT,
     MOVING,
     SQRT_2,
     STATUS,
     VX,
     VY,
+    X,
+    Y,
     least_rotation_argmax,
     move,
     place,
     place_randomly,
     state_index,
 )
-from agent.mdp.readings import Process
+from agent.mdp.interpretations import Process
 from agent.mdp.rng import seeded_state
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT, Outcome
@@ -36,19 +40,12 @@ UP, DOWN = 2, 6  # directions
 
 
 class Evaluation(NamedTuple):
-    """Greedy episodes from K combinations of start cells in which no robots touch.
+    """Greedy episodes from K combinations of start cells in which no robots touch."""
 
-    Attributes:
-        starts: (K, N, 2) int64, start cells.
-        outcome: (K,) int8, rank of `cosim.model.outcome.Outcome`.
-        path_cells: (K, N) float64, path length of each robot in cells.
-        steps: (K, N) int64, moves of each robot.
-    """
-
-    starts: np.ndarray
-    outcome: np.ndarray
-    path_cells: np.ndarray
-    steps: np.ndarray
+    starts: np.ndarray  # (K, N, 2) int64, start cells
+    outcome: np.ndarray  # (K,) int8, rank of `cosim.model.outcome.Outcome`
+    path_cells: np.ndarray  # (K, N) float64, path length of each robot in cells
+    steps: np.ndarray  # (K, N) int64, moves of each robot
 
     def rate(self, outcome: Outcome) -> float:
         """Share of the starts with an outcome."""
@@ -164,6 +161,32 @@ def evaluate(process: Process, values: np.ndarray, starts: np.ndarray | None = N
         starts = joint_starts(process)
     found = new_evaluation(starts)
     _evaluate(process, values, *found)
+    return found
+
+
+def evaluate_by(
+    process: Process, starts: np.ndarray, decide: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> Evaluation:
+    """Episodes of robots that decide together.
+
+    Args:
+        process: the decision process; its slip probability is ignored.
+        starts: (K, N, 2) int64, out of contact.
+        decide: returns (N,) int64 directions, of the robots' cells x·rows + y and axes (N,) int64.
+    """
+    found, rows = new_evaluation(starts), process.terrain.shape[2] - 2
+    world = np.zeros((starts.shape[1], COLUMN_COUNT), dtype=np.int64)
+    rewards = np.empty(len(world), dtype=np.float32)
+    for k, cells in enumerate(starts):
+        place(process, world, cells)
+        found.outcome[k] = TIMEOUT
+        for _ in range(process.step_limit):
+            actions = decide(world[:, X] * rows + world[:, Y], world[:, AXIS].copy())
+            outcome = move(process, world, actions, rewards)
+            count_moves(world, found.path_cells[k], found.steps[k])
+            if outcome != RUNNING:
+                found.outcome[k] = outcome
+                break
     return found
 
 

@@ -27,8 +27,8 @@ from agent.mdp.grid import (
     nearest_other,
     state_index,
 )
+from agent.mdp.interpretations import Process, build_process
 from agent.mdp.joint import IMPOSSIBLE
-from agent.mdp.readings import Process, build_process
 from agent.mdp.rewards import reward_parts
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
@@ -111,7 +111,7 @@ class GreedyPolicy(ABC):
 
     @abstractmethod
     def digest(self) -> str:
-        """Hash (16 hex digits) of the readings of the process and of all that decides actions."""
+        """Return the hash (16 hex digits) of the interpretations and what decides actions."""
 
     @abstractmethod
     def maps(self) -> list[PolicyMap]:
@@ -160,13 +160,13 @@ class GreedyPolicy(ABC):
         """(N, 3) float64, reward of a co-simulated step by parts, see `agent.mdp.rewards`."""
         return reward_parts(self.process, step, arrived)
 
-    def seen(self, observation: Observation) -> Observation:
-        """An observation as kernels take it: int64, C-contiguous."""
+    def checked(self, observation: Observation) -> Observation:
+        """Return an observation as kernels take it: int64, C-contiguous."""
         robots = self.config.scenario.robots
-        seen = Observation(*(np.ascontiguousarray(part, np.int64) for part in observation))
-        if seen.cells.shape != (robots, 2):
-            raise ValueError(f"observation of shape {seen.cells.shape} for {robots} robots")
-        return seen
+        found = Observation(*(np.ascontiguousarray(values, np.int64) for values in observation))
+        if found.cells.shape != (robots, 2):
+            raise ValueError(f"observation of shape {found.cells.shape} for {robots} robots")
+        return found
 
     def require_scenario(self, scenario: Scenario, name: str = "the policy") -> None:
         """Refuse any geometry but that of training."""

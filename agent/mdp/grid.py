@@ -2,12 +2,12 @@
 
 Not a learner and not an environment class: `agent.training.qlearning`, `agent.mdp.exact` and
 `agent.envs` all step these kernels, so that there is one process. A `world` is an (N, 11) int64
-array; its columns are named below; `agent.mdp.readings.Process` describes the board.
+array; its columns are named below; `agent.mdp.interpretations.Process` describes the board.
 """
 
 import numpy as np
 
-from agent.mdp.readings import FREE, GOAL, OUTSIDE, Process
+from agent.mdp.interpretations import FREE, GOAL, OUTSIDE, Process
 from agent.mdp.rng import PROBABILITY_SHIFT, next_index, next_word
 from cosim.base.jit import inlined
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS

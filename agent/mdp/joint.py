@@ -7,7 +7,7 @@ costs, and where the results are kept, is `agent.mdp.optimum`.
 import numpy as np
 
 from agent.mdp.grid import COLUMN_COUNT, VX, VY, X, Y, touched_between
-from agent.mdp.readings import FREE, GOAL, Process
+from agent.mdp.interpretations import FREE, GOAL, Process
 from cosim.base.jit import inlined, kernel
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
 

@@ -16,6 +16,7 @@ from scipy.ndimage import label
 
 from agent.mdp.exact import Evaluation, joint_starts
 from agent.mdp.grid import SQRT_2
+from agent.mdp.interpretations import FREE, GOAL, MAX_JOINT_STATES, Process
 from agent.mdp.joint import (
     BLOCKED,
     IMPOSSIBLE,
@@ -25,7 +26,6 @@ from agent.mdp.joint import (
     solve,
     tabulate,
 )
-from agent.mdp.readings import FREE, GOAL, MAX_JOINT_STATES, Process
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, read_arrays
@@ -40,19 +40,13 @@ _STEP_COSTS = np.ones(DIRECTION_COUNT)
 
 
 class Bound(NamedTuple):
-    """Optimal costs from every joint state.
+    """Optimal costs from every joint state."""
 
-    Attributes:
-        path_cells: (cells,) or (cells, cells) float64, least path length of all robots together,
-            in cells; cell (x, y) has index x·rows + y; inf where there is no path. If relaxed
-            (robots, cells), each robot alone.
-        steps: the same for moves.
-        relaxed: whether robots were taken alone.
-    """
-
+    # (cells,) or (cells, cells) float64, least path length of all robots together, in cells; cell
+    # (x, y) has index x·rows + y; inf where there is no path. If relaxed (robots, cells)
     path_cells: np.ndarray
-    steps: np.ndarray
-    relaxed: bool
+    steps: np.ndarray  # the same for moves
+    relaxed: bool  # whether each robot was taken alone
 
     def of_starts(self, starts: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
         """Mean over robots of path length in cells and of moves.

@@ -2,13 +2,13 @@
 
 A move of the co-simulation takes several RL steps, and each of them earns a reward, as in
 `agent.moves.kernels`. The observations are those of `cosim.simulation.episode`, the numbers those
-of `agent.mdp.readings`.
+of `agent.mdp.interpretations`.
 """
 
 import numpy as np
 
 from agent.mdp.config import REWARDS_PER
-from agent.mdp.readings import Process
+from agent.mdp.interpretations import Process
 from cosim.coupling.rl_step import Step
 from cosim.model.outcome import RUNNING
 from cosim.model.params import TIMING

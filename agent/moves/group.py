@@ -15,14 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.mdp.exact import Evaluation, count_moves, new_evaluation
-from agent.mdp.grid import AXIS, COLUMN_COUNT, X, Y, move, place
+from agent.mdp.interpretations import Process
 from agent.mdp.joint import BLOCKED, iterate_alone
-from agent.mdp.readings import Process
 from agent.moves.model import ObservedMoves
 from agent.moves.times import Board, axis_towards, board_of, squared_distance
 from cosim.base.jit import inlined, kernel
-from cosim.model.outcome import RUNNING, TIMEOUT
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
 
 VERSION = 2  # of plans: raise it when their bits change
@@ -45,18 +42,13 @@ BEGIN, END, FROM, TO = range(4)  # columns of a planned move: times in s, and ce
 
 
 class Group(NamedTuple):
-    """Board and times that a group plans by.
-
-    Attributes:
-        board: that they drive on.
-        around: (N, 2^N, cells, AXIS_COUNT) float32, least time in s of each robot among others that
-            have parked, by a bit for each of those, by its cell and axis.
-        slice_s: length in s of a slice of time, in which a cell is reached with an axis but once.
-    """
+    """Board and times that a group plans by."""
 
     board: Board
+    # (N, 2^N, cells, AXIS_COUNT) float32, least time in s of each robot among others that have
+    # parked, by a bit for each of those, by its cell and axis
     around: np.ndarray
-    slice_s: float
+    slice_s: float  # length of a slice of time, in which a cell is reached with an axis but once
 
 
 @inlined
@@ -383,37 +375,3 @@ def group_of(process: Process, moves: ObservedMoves) -> Group:
                 _open_moves(board, k, parked, after)
                 iterate_alone(after, board.seconds, around[k, parked])
     return Group(board, around, _SLICE * float(board.seconds.min()))
-
-
-@kernel
-def _evaluate(
-    process: Process,
-    group: Group,
-    starts: np.ndarray,
-    outcomes: np.ndarray,
-    path_cells: np.ndarray,
-    steps: np.ndarray,
-) -> None:
-    n, rows = starts.shape[1], process.terrain.shape[2] - 2
-    world = np.zeros((n, COLUMN_COUNT), dtype=np.int64)
-    actions, rewards, ends = np.empty(n, dtype=np.int64), np.empty(n, np.float32), np.empty(n)
-    cells = np.empty(n, dtype=np.int64)
-    for k in range(len(starts)):
-        place(process, world, starts[k])
-        outcome, step = RUNNING, 0
-        while outcome == RUNNING:
-            cells[:] = world[:, X] * rows + world[:, Y]
-            plan(group, cells, cells, world[:, AXIS].copy(), actions, ends)
-            outcome = move(process, world, actions, rewards)
-            count_moves(world, path_cells[k], steps[k])
-            step += 1
-            if outcome == RUNNING and step == process.step_limit:
-                outcome = TIMEOUT
-        outcomes[k] = outcome
-
-
-def evaluate_group(process: Process, group: Group, starts: np.ndarray) -> Evaluation:
-    """Return episodes on the grid from starts (K, N, 2), see `agent.mdp.exact`."""
-    found = new_evaluation(starts)
-    _evaluate(process, group, *found)
-    return found

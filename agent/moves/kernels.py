@@ -31,7 +31,7 @@ from agent.mdp.grid import (
     Y,
     nearest_other,
 )
-from agent.mdp.readings import FORBIDDEN, FREE, GOAL, OUTSIDE, Process
+from agent.mdp.interpretations import FORBIDDEN, FREE, GOAL, OUTSIDE, Process
 from agent.mdp.rng import next_index
 from agent.moves.model import MoveModel, move_kind
 from cosim.base.jit import inlined

@@ -29,53 +29,33 @@ KINDS = 2 * AXIS_COUNT  # straight or diagonal, and the turn before it
 
 
 class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One move of a robot towards the centre of a neighbouring cell.
-
-    Attributes:
-        direction: index of the commanded direction.
-        heading: index of the direction that the robot faced when it was asked.
-        previous: direction of its move before, NO_DIRECTION for the first.
-        columns, rows: Δcell, of the cell that its centre is in.
-        turn_s: time until it first drove.
-        duration_s: time until it stopped at the end of the line, or was asked again.
-        drift_x, drift_y: path of its centre during the turn, in cells.
-        stop_x, stop_y: where it stopped, from the centre of the cell aimed at, in cells.
-    """
+    """One move of a robot towards the centre of a neighbouring cell; directions are indices."""
 
     direction: Annotated[int, msgspec.Meta(ge=0, lt=DIRECTION_COUNT)]
-    heading: Annotated[int, msgspec.Meta(ge=0, lt=DIRECTION_COUNT)]
-    previous: Annotated[int, msgspec.Meta(ge=NO_DIRECTION, lt=DIRECTION_COUNT)]
-    columns: int
+    heading: Annotated[int, msgspec.Meta(ge=0, lt=DIRECTION_COUNT)]  # when it was asked
+    previous: Annotated[int, msgspec.Meta(ge=NO_DIRECTION, lt=DIRECTION_COUNT)]  # the move before
+    columns: int  # Δcell, of the cell that its centre is in
     rows: int
-    turn_s: Annotated[float, msgspec.Meta(ge=0.0)]
-    duration_s: Annotated[float, msgspec.Meta(gt=0.0)]
-    drift_x: float
+    turn_s: Annotated[float, msgspec.Meta(ge=0.0)]  # until it first drove
+    duration_s: Annotated[float, msgspec.Meta(gt=0.0)]  # until it stopped or was asked again
+    drift_x: float  # path of its centre during the turn, in cells
     drift_y: float
-    stop_x: float
+    stop_x: float  # where it stopped, from the centre of the cell aimed at, in cells
     stop_y: float
 
 
 class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Observed moves, and what they were observed with.
+    """Observed moves in their order, and what they were observed with."""
 
-    Attributes:
-        source: digest of the co-simulation's parameters and motor FMU.
-        seed: of the directions and the speed noise.
-        moves: in the order of observation.
-        walks: number of moves of each walk, where every walk had a world of its own
-            (`agent.moves.worlds`); empty where all had the same.
-        rl_step_s: time between two decisions.
-        through: whether robots drove on at the end of a move until they were asked.
-        cell_m: edge of a cell, the unit of lengths.
-    """
-
-    source: str
-    seed: int
+    source: str  # digest of the co-simulation's parameters and motor FMU
+    seed: int  # of the directions and the speed noise
     moves: tuple[Move, ...]
+    # Number of moves of each walk, where every walk had a world of its own (`agent.moves.worlds`);
+    # empty where all had the same
     walks: tuple[int, ...] = ()
     rl_step_s: float = TIMING.rl_step_s
-    through: bool = False
-    cell_m: float = Scenario.cell_m
+    through: bool = False  # whether robots drove on at the end of a move until they were asked
+    cell_m: float = Scenario.cell_m  # edge of a cell, the unit of lengths
 
     def save(self, path: Path) -> None:
         """Write as JSON, whole or not at all."""
@@ -105,25 +85,17 @@ class MoveModel(NamedTuple):
 
     The floor is the same in all directions: a move is turned to the first quadrant, so that its
     kind is whether it is diagonal, and the angle between the robot's axis and its direction.
-
-    Attributes:
-        moves: (M, 6) float64, time of the turn and of the whole move in s, the path during the
-            turn, and where the robot stopped, from the centre of the cell aimed at, in cells.
-        offsets: (worlds, KINDS + 1) int64, moves of kind k in world w are rows offsets[w, k] to
-            offsets[w, k + 1].
-        rl_step_s: time between two decisions.
-        most_steps: RL steps that pass at once where no robot is asked: those of 2 s.
-        contact_cells: squared distance in cells² at which robots touch.
-        near_cells: squared distance in cells² beyond which no robots meet within the given
-            number of RL steps.
     """
 
+    # (M, 6) float64, time of the turn and of the whole move in s, the path during the turn, and
+    # where the robot stopped, from the centre of the cell aimed at, in cells
     moves: np.ndarray
+    # (worlds, KINDS + 1) int64, moves of kind k in world w are rows offsets[w, k] to [w, k + 1]
     offsets: np.ndarray
     rl_step_s: float
-    most_steps: int
-    contact_cells: float
-    near_cells: float
+    most_steps: int  # that pass at once where no robot is asked: those of 2 s
+    contact_cells: float  # squared distance in cells² at which robots touch
+    near_cells: float  # the same beyond which no robots meet within that number of steps
 
 
 @inlined

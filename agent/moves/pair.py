@@ -13,15 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.mdp.exact import Evaluation, count_moves, new_evaluation
-from agent.mdp.grid import AXIS, COLUMN_COUNT, X, Y, least_rotation_argmax, move, place
+from agent.mdp.interpretations import Process
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE, choices, joint_states
-from agent.mdp.readings import Process
 from agent.moves.model import ObservedMoves
 from agent.moves.times import Board, axis_towards, board_of, least_times, squared_distance
 from cosim.base.jit import inlined, kernel
-from cosim.model.outcome import RUNNING, TIMEOUT
-from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
+from cosim.onboard.features import AXIS_COUNT
 
 VERSION = 2  # of fastest paths, of one robot too: raise it when their bits change
 
@@ -31,18 +28,12 @@ _SETTLED_S = 1e-3  # change of a value that ends the iteration
 
 
 class PairTimes(NamedTuple):
-    """Times by which two robots choose their moves.
-
-    Attributes:
-        board: that they drive on.
-        alone: (2, cells, AXIS_COUNT) float64, least time in s of each robot as if alone.
-        delay: (cells, AXIS_COUNT, cells, AXIS_COUNT) uint16, by cell and axis of the first robot
-            and of the second: least time of both together over the sum of `alone`, in `GRAIN_S`;
-            `UNREACHABLE` where there is none.
-    """
+    """Times by which two robots choose their moves."""
 
     board: Board
-    alone: np.ndarray
+    alone: np.ndarray  # (2, cells, AXIS_COUNT) float64, least time in s of each robot as if alone
+    # (cells, AXIS_COUNT, cells, AXIS_COUNT) uint16, by cell and axis of the first robot and of the
+    # second: least time of both together over the sum of `alone`, in `GRAIN_S`, or `UNREACHABLE`
     delay: np.ndarray
 
 
@@ -213,40 +204,3 @@ def pair_values(
     for i in range(2):
         if goals[i] != cells[i]:
             values[i] = values[i, 0]
-
-
-@kernel
-def _evaluate(
-    process: Process,
-    times: PairTimes,
-    starts: np.ndarray,
-    outcomes: np.ndarray,
-    path_cells: np.ndarray,
-    steps: np.ndarray,
-) -> None:
-    rows = process.terrain.shape[2] - 2
-    world = np.zeros((2, COLUMN_COUNT), dtype=np.int64)
-    actions, rewards = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.float32)
-    values = np.empty((2, DIRECTION_COUNT), dtype=np.float32)
-    cells = np.empty(2, dtype=np.int64)
-    for k in range(len(starts)):
-        place(process, world, starts[k])
-        outcome, step = RUNNING, 0
-        while outcome == RUNNING:
-            cells[:] = world[:, X] * rows + world[:, Y]
-            pair_values(times, cells, cells, world[:, AXIS].copy(), values)
-            for i in range(2):
-                actions[i] = least_rotation_argmax(values[i], world[i, AXIS])
-            outcome = move(process, world, actions, rewards)
-            count_moves(world, path_cells[k], steps[k])
-            step += 1
-            if outcome == RUNNING and step == process.step_limit:
-                outcome = TIMEOUT
-        outcomes[k] = outcome
-
-
-def evaluate_pair(process: Process, times: PairTimes, starts: np.ndarray) -> Evaluation:
-    """Return greedy episodes on the grid from starts (K, 2, 2), see `agent.mdp.exact`."""
-    found = new_evaluation(starts)
-    _evaluate(process, times, *found)
-    return found

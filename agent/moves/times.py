@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.mdp.grid import STARTING_AXIS
+from agent.mdp.interpretations import Process
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, iterate_alone
 from agent.mdp.optimum import require_paths
-from agent.mdp.readings import Process
 from agent.moves.model import KINDS, ObservedMoves, move_kind
 from cosim.base.errors import UserError
 from cosim.base.jit import inlined
@@ -87,25 +87,18 @@ def fastest_tables(process: Process, moves: ObservedMoves) -> tuple[np.ndarray, 
 
 
 class Board(NamedTuple):
-    """Moves, times and distances that robots plan by.
+    """Moves, times and distances that robots plan by."""
 
-    Attributes:
-        after: (N, cells, 8) int64, see `agent.mdp.joint.cells_after`. No move leads next to another
-            robot's target cell, because robots would drift into it.
-        seconds: (8, AXIS_COUNT) float64, see `mean_seconds`.
-        targets: (N,) int64, target cell of each robot.
-        kept: squared distance in cells² that robots keep.
-        parked: (N, N) float64, the same where one of them is parked and the other one parks: as
-            near as their targets.
-        at: (cells, 2) int64, column and row of each cell.
-    """
-
+    # (N, cells, 8) int64, see `agent.mdp.joint.cells_after`. No move leads next to another robot's
+    # target cell, because robots would drift into it
     after: np.ndarray
-    seconds: np.ndarray
-    targets: np.ndarray
-    kept: float
+    seconds: np.ndarray  # (8, AXIS_COUNT) float64, see `mean_seconds`
+    targets: np.ndarray  # (N,) int64, target cell of each robot
+    kept: float  # squared distance in cells² that robots keep
+    # (N, N) float64, the same where one of them is parked and the other one parks: as near as their
+    # targets
     parked: np.ndarray
-    at: np.ndarray
+    at: np.ndarray  # (cells, 2) int64, column and row of each cell
 
 
 def board_of(process: Process, moves: ObservedMoves) -> Board:

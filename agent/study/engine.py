@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,17 @@ import msgspec
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.claims import Claim, JudgedClaim
 from agent.evaluation.rows import Failure, Row, measures
+from agent.study.policies import policy_of
 from agent.study.store import EpisodeStore
+from cosim.base.arguments import ConfigError, to_plain
 from cosim.base.errors import UserError
 from cosim.base.jobs import JobKind, Workers, always, run
 from cosim.base.progress import Progress, silent
 from cosim.model.outcome import Outcome
+from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_in_world
 from cosim.simulation.driving import options_for
-from cosim.simulation.options import SimulationOptions, resolve
+from cosim.simulation.options import options_of, resolve
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import compile_kernels
 
@@ -29,49 +33,15 @@ EPISODES: JobKind[Job, EpisodeResult] = JobKind(
 )
 
 
-def case_of(
-    policy: Any,
-    options: SimulationOptions,
-    seed: int,
-    scenario: Any = None,
-    *,
-    world: Any = None,
-    name: str = "",
-    progress: Progress = silent,
-) -> Case:
-    """Return a policy under the options of a command; `scenario` and `world` as in `resolve`.
-
-    Args:
-        seed: of samples of starts and of what episodes draw.
-        scenario: by default that of the policy; others than its own are refused.
-        name: of the policy, for messages.
-        progress: receives what is calibrated.
-    """
-    setup = resolve(
-        options_for(policy, options),
-        policy.config.scenario if scenario is None else scenario,
-        progress,
-        world=world,
-        require=lambda board: policy.require_scenario(board, f"{name}: the policy"),
-    )
-    return Case(policy, setup.config, setup.fmu, seed)
-
-
 @dataclass(frozen=True)
 class Line:
-    """What a row is made of: a case, and which of its episodes.
-
-    Attributes:
-        indices: of the starts, see `Case.sample`.
-        policy, options: of the row.
-        claim: statement about the policy; the row ends with the episode that decides it.
-    """
+    """What a row is made of: a case, and which of its episodes."""
 
     case: Case
-    indices: list[int]
-    policy: str
+    indices: list[int]  # of the starts, see `Case.sample`
+    policy: str  # of the row, as are its options
     options: dict[str, Any] = field(default_factory=dict)
-    claim: Claim | None = None
+    claim: Claim | None = None  # about the policy; the row ends with the episode that decides it
 
     def __post_init__(self) -> None:
         if self.claim is not None and self.case.config.on_collision != "end":
@@ -117,6 +87,64 @@ class Line:
         )
 
 
+def lines_of(
+    policies: Mapping[str, Any],
+    scenarios: Sequence[Any],
+    given: Mapping[str, Any],
+    seed: int,
+    count: int | None,
+    progress: Progress = silent,
+    *,
+    exactly: bool = False,
+    claim: Claim | None = None,
+) -> list[Line]:
+    """Return policies in every combination of scenarios and options.
+
+    Args:
+        policies: by name, what `policy_of` takes.
+        scenarios: None for that of every policy.
+        given: `world` and options of `minirobots run`; a list is an axis.
+        seed: of training, of samples of starts and of what episodes draw.
+        count: episodes of a row, None for one from every start. Where there are fewer starts, all,
+            or with a claim these again, each time with other noise.
+        progress: receives what is trained and calibrated.
+        exactly: whether fewer starts are refused instead.
+        claim: about every row.
+    """
+    given = {name: to_plain(name, value) for name, value in given.items()}
+    axes = {name: value for name, value in given.items() if isinstance(value, list)}
+    if not (policies and scenarios and all(axes.values())):
+        raise ConfigError("policies, scenarios and every axis need at least one value each")
+    lines: list[Line] = []
+    found: dict[tuple[str, Scenario | None, str], Any] = {}
+    for board, (name, of), values in product(scenarios, policies.items(), product(*axes.values())):
+        chosen = dict(zip(axes, values, strict=True))
+        physics = {"world": None, **given, **chosen}
+        world = physics.pop("world")
+        options = options_of("study", physics)
+        only = None if board is None else options.board(find_in_world(board, world)[0])
+        key = name, only, str(options.preset)
+        if key not in found:
+            training = {"seed": seed, "preset": options.preset, "progress": progress}
+            found[key] = policy_of(of, only, **training)
+        policy = found[key]
+        setup = resolve(
+            options_for(policy, options),
+            policy.config.scenario if board is None else board,
+            progress,
+            world=world,
+            require=lambda own, p=policy, name=name: p.require_scenario(own, f"{name}: the policy"),
+        )
+        case = Case(policy, setup.config, setup.fmu, seed)
+        starts = len(case.starts)
+        if claim is not None:
+            indices = case.rounds(count or starts)
+        else:
+            indices = case.sample(count if count and exactly else min(count or starts, starts))
+        lines.append(Line(case, indices, name, chosen, claim))
+    return lines
+
+
 def measure(
     lines: Sequence[Line],
     store: EpisodeStore,
@@ -131,9 +159,6 @@ def measure(
     Rows with a claim follow one by one, each in its order until its claim is decided.
 
     Args:
-        lines: a row each.
-        store: of the episodes.
-        where: they are simulated.
         recordings: how many failures, and successes, of each row are recorded, on this machine.
         may_begin: whether another episode may begin.
         progress: receives how many have ended.
@@ -150,11 +175,7 @@ def measure(
 
 
 def _decide(
-    line: Line,
-    claim: Claim,
-    store: EpisodeStore,
-    may_begin: Callable[[], bool],
-    how: dict[str, Any],
+    line: Line, claim: Claim, store: EpisodeStore, may_begin: Callable[[], bool], how: Any
 ) -> None:
     """Simulate episodes in their order until they decide the claim, or none may begin."""
 
@@ -183,7 +204,7 @@ def _record(
     Returns:
         The recordings of each row, by index of the start.
     """
-    found: list[dict[int, Path]] = []
+    recorded: list[dict[int, Path]] = []
     jobs: dict[Path, Job] = {}
     for line in lines:
         case, results = line.case, line.results(store)
@@ -195,7 +216,7 @@ def _record(
             for k in (*failed[:count], *succeeded[:count])
         }
         jobs |= {path: Job(case, k, path) for k, path in paths.items() if not path.exists()}
-        found.append(paths)
+        recorded.append(paths)
     for number, (job, result) in enumerate(run_jobs(list(jobs.values()), threads), 1):
         first = store.results(job.case)[job.index]
         factor = first.realtime_factor
@@ -207,4 +228,4 @@ def _record(
                 "remove it"
             )
         progress("recordings", number, len(jobs), f"{number}/{len(jobs)}")
-    return found
+    return recorded

@@ -16,11 +16,9 @@ from agent.study.report import Report
 from agent.training.runs import policy_paths
 from cosim.base.errors import UserError
 from cosim.base.table import Column, field, format_value, show_texts
-from cosim.base.table import show as show_rows
 from cosim.model.outcome import BY_RANK, ENDS, SUCCESS
 
 MAX_FAILURES = 1000  # in the report
-
 _LISTED_FAILURES = 10
 # Measures of tables, with the formats of their values.
 _MEASURES = {
@@ -32,10 +30,34 @@ _MEASURES = {
 }
 
 
+def _starts(row: Row) -> str:
+    if row.success_low is None:
+        return str(row.starts)
+    return f"sample of {row.starts}: {row.success_low:.2%} to {row.success_high:.2%}"
+
+
 class GridReport(Report, frozen=True, kw_only=True):
     """Measures of policies on the grid, and statistics over them by scenario and measure."""
 
+    table = POLICY, SCENARIO, Column("starts", _starts), *map(field, _MEASURES, _MEASURES.values())
     over_policies: dict[str, dict[str, Statistics]]
+
+    def show(self) -> None:
+        """Print tables: each policy, the first failing starts, and statistics."""
+        super().show()
+        show_failures(self.rows)
+        for scenario, measures in self.over_policies.items():
+            runs = measures["success"].runs
+            if runs == 1:
+                continue
+            rows = []
+            for name, s in measures.items():
+                values = (s.mean, s.iqm, s.low, s.high)
+                mean, iqm, low, high = (format_value(value, _MEASURES[name]) for value in values)
+                ends = "–" if s.low is None else f"{low} to {high}"
+                rows.append((name.replace("_", " "), mean, iqm, ends))
+            header = (f"scenario {scenario}, {runs} policies", "mean", "IQM", "95 % interval")
+            show_texts(header, rows)
 
 
 def grid_row(name: str, policy: GreedyPolicy) -> Row:
@@ -48,6 +70,12 @@ def grid_row(name: str, policy: GreedyPolicy) -> Row:
     _, low, high = rate(starts - len(failing), starts) if starts != whole else (None, None, None)
     places = result.starts[failing[:MAX_FAILURES]].tolist()
     shares: dict[str, Any] = {str(end): result.rate(end) for end in ENDS}
+    lengths = {
+        "path_length_cm": 100.0 * scenario.cell_m * result.mean_path_cells(),
+        "steps": result.mean_steps(),
+        "ratio_to_bound": path_ratio,
+        "steps_ratio_to_bound": steps_ratio,
+    }
     return Row(
         policy=name,
         scenario=scenario.name,
@@ -57,10 +85,7 @@ def grid_row(name: str, policy: GreedyPolicy) -> Row:
         **shares,
         success_low=low,
         success_high=high,
-        path_length_cm=_known(100.0 * scenario.cell_m * result.mean_path_cells()),
-        steps=_known(result.mean_steps()),
-        ratio_to_bound=_known(path_ratio),
-        steps_ratio_to_bound=_known(steps_ratio),
+        **{name: value for name, value in lengths.items() if not math.isnan(value)},
         failing_starts=len(failing),
         failures=tuple(
             Failure(starts=tuple((x, y) for x, y in cells), outcome=BY_RANK[result.outcome[k]])
@@ -69,14 +94,10 @@ def grid_row(name: str, policy: GreedyPolicy) -> Row:
     )
 
 
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else value
-
-
-def policy_files(named: Iterable[Any]) -> list[Any]:
-    """Return what a user named, with the policies of their runs in place of folders."""
+def policy_files(given: Iterable[Any]) -> list[Any]:
+    """Return what a user gives, with the policies of their runs in place of folders."""
     found: list[Any] = []
-    for path in named:
+    for path in given:
         folder = isinstance(path, str | Path) and Path(path).is_dir()
         inside = policy_paths(Path(path)) if folder else [path]
         if not inside:
@@ -90,38 +111,16 @@ def policy_files(named: Iterable[Any]) -> list[Any]:
 def report_of(policies: Iterable[tuple[str, GreedyPolicy]]) -> GridReport:
     """Evaluate policies by name."""
     rows = tuple(grid_row(name, policy) for name, policy in policies)
-    groups: dict[str, list[Row]] = {}
-    for row in rows:
-        groups.setdefault(row.scenario, []).append(row)
-    over_policies = {
-        scenario: {
+    over_policies: dict[str, dict[str, Statistics]] = {}
+    for scenario in dict.fromkeys(row.scenario for row in rows):
+        group = [row for row in rows if row.scenario == scenario]
+        over_policies[scenario] = {
             name: summarise(
                 [getattr(row, name) for row in group], 0.0, 1.0 if name in ENDS else math.inf
             )
             for name in _MEASURES
         }
-        for scenario, group in groups.items()
-    }
     return GridReport(rows=rows, over_policies=over_policies)
-
-
-def show(report: GridReport) -> None:
-    """Print a report as tables on stdout: each policy, the first failing starts, and statistics."""
-    measured = (field(name, form) for name, form in _MEASURES.items())
-    show_rows((POLICY, SCENARIO, Column("starts", _starts), *measured), report.rows, names=2)
-    show_failures(report.rows)
-    for scenario, measures in report.over_policies.items():
-        runs = measures["success"].runs
-        if runs == 1:
-            continue
-        rows = []
-        for name, s in measures.items():
-            values = (s.mean, s.iqm, s.low, s.high)
-            mean, iqm, low, high = (format_value(value, _MEASURES[name]) for value in values)
-            ends = "–" if s.low is None else f"{low} to {high}"
-            rows.append((name.replace("_", " "), mean, iqm, ends))
-        header = (f"scenario {scenario}, {runs} policies", "mean", "IQM", "95 % interval")
-        show_texts(header, rows)
 
 
 def show_failures(rows: Iterable[Row]) -> None:
@@ -133,9 +132,3 @@ def show_failures(rows: Iterable[Row]) -> None:
         more = row.failing_starts - _LISTED_FAILURES
         if more > 0:
             print(f"{row.policy}: {more} more failing starts (--json lists more)")
-
-
-def _starts(row: Row) -> str:
-    if row.success_low is None:
-        return str(row.starts)
-    return f"sample of {row.starts}: {row.success_low:.2%} to {row.success_high:.2%}"

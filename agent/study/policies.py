@@ -8,8 +8,8 @@ from typing import Any
 
 from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import GreedyPolicy
-from agent.mdp.readings import Process, build_process
-from agent.training.methods import METHODS, Method, find_method, imported, method_config
+from agent.mdp.interpretations import Process, build_process
+from agent.training.methods import METHODS, Method, imported, method_config
 from agent.training.policy import load_policy
 from agent.training.store import find_or_make
 from cosim.base.arguments import ConfigError
@@ -21,14 +21,13 @@ from cosim.model.preset import PAPER
 from cosim.model.scenario import Scenario
 from cosim.simulation.driving import SupportsDrive, drives
 
+_OBJECT = "a class without arguments or of an object"
+
 
 class ObjectPolicy:
     """Any object with `act` or `drive`, in a scenario, as a case takes it.
 
-    Args:
-        policy: the object; what else it has, such as `q_values`, is recorded.
-            Its own failures are UserErrors that name it.
-        scenario: in which it acts.
+    What else the object has, such as `q_values`, is recorded. Its failures are UserErrors.
     """
 
     episodes = 0  # of training
@@ -45,22 +44,18 @@ class ObjectPolicy:
         """The process in the scenario, for the starts; one feature will do, as it has no tables."""
         return build_process(self.config.scenario, ProcessConfig(features=("x",)))
 
-    def _ask(self, method: str, seen: Any) -> Any:
+    def _ask(self, method: str, observation: Any) -> Any:
         try:
-            return getattr(self.policy, method)(seen)
+            return getattr(self.policy, method)(observation)
         except (Exception, SystemExit) as error:  # whatever a user's code does
-            name, said = type(self.policy).__name__, f"{type(error).__name__}: {error}"
+            name, reason = type(self.policy).__name__, f"{type(error).__name__}: {error}"
             raise UserError(
-                f"{method} of policy {name} failed ({' '.join(said.split())}); correct it"
+                f"{method} of policy {name} failed ({' '.join(reason.split())}); correct it"
             ) from error
 
     def digest(self) -> str:
         """Return what the object is known by; of an object without identity a number drawn."""
         return f"{self._digest}-{self.config.scenario.digest()}"
-
-    def maps(self) -> list[Any]:
-        """Return the object's maps of the cells of the board, if it has any."""
-        return getattr(self.policy, "maps", list)()
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name == "policy":
@@ -99,34 +94,12 @@ def policy_of(
         raise ConfigError(
             f"policy = {shorten(given)} needs a scenario; name one (scenario, --scenario)"
         )
-    found: Any = given if name is None else METHODS.get(name) or _imported(name)
+    found: Any = given if name is None else METHODS.get(name) or imported("policy", name, _OBJECT)
     if isinstance(found, Method):
         config = method_config(found, scenario, seed, preset=preset, progress=progress)
         return find_or_make(config, progress=progress)[0]
     drives(found)
     return ObjectPolicy(found, scenario)
-
-
-def trained(
-    method: str, board: Scenario, out: Path, seed: int, progress: Progress = silent
-) -> GreedyPolicy:
-    """Return the policy of a method for a board, which is kept in the folder of a study, too."""
-    config = method_config(find_method(method), board, seed, progress=progress)
-    policy, *_ = find_or_make(config, progress=progress)
-    policy.save(out / "policies" / f"{board.name}-{method}.npz")
-    return policy
-
-
-def _imported(name: str) -> Any:
-    """Return the object "module:Name", an instance where that is a class."""
-    try:
-        found = imported(name)
-        return found() if isinstance(found, type) else found
-    except (Exception, SystemExit) as error:  # whatever a user's module does
-        raise ConfigError(
-            f"policy = {name!r} cannot be imported ({error!r}); name MODULE:NAME of a class "
-            "without arguments or of an object, in a module of this folder or an installed one"
-        ) from error
 
 
 def name_of(given: Any) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import msgspec
 
@@ -10,7 +10,7 @@ from agent.evaluation.rows import Row, columns_of, text_of
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.errors import UserError
 from cosim.base.storage import replacing, write_json, write_whole
-from cosim.base.table import arrow_of, markdown, show, write_parquet
+from cosim.base.table import Columns, arrow_of, markdown, show, write_parquet
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,16 +19,13 @@ SUFFIXES = (".json", ".md", ".parquet", ".png")
 
 
 class Report(msgspec.Struct, frozen=True, kw_only=True):
-    """Rows of a study: policies in scenarios, with every combination of the axes.
+    """Rows of a study: policies in scenarios, with every combination of the axes."""
 
-    Attributes:
-        axes: names of the options that vary.
-        seed: of samples of starts and of what episodes draw; None without rows.
-    """
-
+    table: ClassVar[Columns] = ()  # of a kind of reports; by default `columns_of` its rows
+    title: ClassVar[str | None] = None  # of the table on a terminal
     schema_version: int = 2
-    seed: int | None = None
-    axes: tuple[str, ...] = ()
+    seed: int | None = None  # of samples of starts and of what episodes draw; None without rows
+    axes: tuple[str, ...] = ()  # names of the options that vary
     rows: tuple[Row, ...]
 
     def __repr__(self) -> str:
@@ -42,11 +39,12 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
 
     def to_markdown(self) -> str:
         """Return the table as Markdown."""
-        return markdown(columns_of(self.rows, self.axes), self.rows)
+        return markdown(self.table or columns_of(self.rows, self.axes), self.rows)
 
     def show(self) -> None:
         """Print the table, in as many parts as the console is wide for."""
-        show(columns_of(self.rows, self.axes), self.rows, names=2 + len(self.axes))
+        columns = self.table or columns_of(self.rows, self.axes)
+        show(columns, self.rows, names=2 + len(self.axes), title=self.title)
 
     def to_arrow(self, *, episodes: bool = False) -> Any:
         """Return a `pyarrow.Table`: a row for each row, or for each episode."""
@@ -79,8 +77,8 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
             return draw_map(panels, self.axes, quantity=quantity, title=title)
         chosen = axis or (self.axes[0] if self.axes else "scenario")
         if chosen not in {*self.axes, "scenario"}:
-            known = ", ".join(self.axes) or "nothing"
-            raise ConfigError(f"axis = {chosen!r} does not vary; in this study {known} does")
+            varying = ", ".join(self.axes) or "nothing"
+            raise ConfigError(f"axis = {chosen!r} does not vary; in this study {varying} does")
 
         def series(row: Row) -> str:
             others = [f"{n} {text_of(row.options[n])}" for n in self.axes if n != chosen]
@@ -89,14 +87,12 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
         whole = chosen == "scenario"
         panels = self._panels(lambda row: "all scenarios" if whole else f"scenario {row.scenario}")
         bars = "; bars: 95 % intervals" if f"{quantity}_low" in Row.__struct_fields__ else ""
-        return draw_measure(
-            panels,
-            lambda row: row.labels()[chosen],
-            series,
-            quantity=quantity,
-            axis=chosen,
-            title=f"{label} over {chosen}{bars}",
-        )
+        how: dict[str, Any] = {
+            "quantity": quantity,
+            "axis": chosen,
+            "title": f"{label} over {chosen}{bars}",
+        }
+        return draw_measure(panels, lambda row: row.labels()[chosen], series, **how)
 
     def _panels(self, name: Callable[[Row], str]) -> dict[str, list[Row]]:
         panels: dict[str, list[Row]] = {}
@@ -107,17 +103,16 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     def write(self, path: str | Path, quantity: str = "success") -> None:
         """Write the table as Parquet, JSON or Markdown, or its `plot` as PNG, by the suffix."""
         path = Path(validate_argument("path", path, Path))
+        rows = [row.record() for row in self.rows]
         match path.suffix:
             case ".json":
-                rows = [
-                    row.record() | {"failures": row.failures, "claim": row.claim}
-                    for row in self.rows
-                ]
+                more = [{"failures": row.failures, "claim": row.claim} for row in self.rows]
+                rows = [row | own for row, own in zip(rows, more, strict=True)]
                 write_json(path, {"seed": self.seed, "axes": self.axes, "rows": rows})
             case ".md":
                 write_whole(path, self.to_markdown() + "\n")
             case ".parquet":
-                write_parquet(path, [row.record() for row in self.rows])
+                write_parquet(path, rows)
             case ".png":
                 write_figure(path, self.plot(quantity=quantity))
             case _:

@@ -14,8 +14,8 @@ from typing import Any
 import msgspec
 
 from agent.evaluation.cases import Case, Job
-from cosim.base.errors import UserError
-from cosim.base.reading import Kind, require_file
+from cosim.base.errors import FileError
+from cosim.base.reading import Kind, parsing, require_file
 from cosim.base.table import write_parquet
 from cosim.simulation.result import EpisodeResult
 
@@ -49,11 +49,12 @@ class EpisodeStore:
         if case.digest not in self._found:
             self._found[case.digest] = {}
             if self.path is not None and self.path.exists():
-                of_case = f"digest = '{case.digest}'"
-                rows = _read(self.path, f"SELECT start, result FROM episodes WHERE {of_case}")
-                self._found[case.digest] = {
-                    start: _decoded(self.path, text, EpisodeResult) for start, text in rows
-                }
+                query = "SELECT start, result FROM episodes WHERE digest = ?"
+                with parsing(self.path, _KIND):
+                    self._found[case.digest] = {
+                        start: msgspec.json.decode(text, type=EpisodeResult)
+                        for start, text in _rows(self.path, query, case.digest)
+                    }
         return self._found[case.digest]
 
     def completed_prefix(self, case: Case, indices: Iterable[int]) -> dict[int, EpisodeResult]:
@@ -84,30 +85,22 @@ class EpisodeStore:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    try:
-        with contextlib.closing(sqlite3.connect(path, timeout=_WAIT_S)) as file:
-            yield file
-    except sqlite3.OperationalError as error:
-        raise UserError(
-            f"{path}: cannot be read or written ({error}); free some space, wait until another "
-            "process ends, or choose another --out"
-        ) from error
-    except sqlite3.DatabaseError as error:
-        raise UserError(f"{path}: not a {_KIND.name} or damaged ({error}); {_KIND.fix}") from error
+    with parsing(path, _KIND):
+        try:
+            with contextlib.closing(sqlite3.connect(path, timeout=_WAIT_S)) as file:
+                yield file
+        except sqlite3.OperationalError as error:
+            raise FileError(
+                f"{path}: cannot be read or written ({error}); free some space, wait until another "
+                "process ends, or choose another --out"
+            ) from error
 
 
-def _read(path: Path, query: str) -> list[Any]:
+def _rows(path: Path, query: str, *values: str) -> list[Any]:
     require_file(path, _KIND)
     with _opened(path) as file:
         tables = file.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-        return file.execute(query).fetchall() if tables else []
-
-
-def _decoded(path: Path, text: Any, form: Any) -> Any:
-    try:
-        return msgspec.json.decode(text, type=form)
-    except Exception as error:  # whatever is in the file
-        raise UserError(f"{path}: a row is damaged ({error}); {_KIND.fix}") from error
+        return file.execute(query, values).fetchall() if tables else []
 
 
 def export(folder: Path, path: Path) -> None:
@@ -116,11 +109,12 @@ def export(folder: Path, path: Path) -> None:
     Columns are those of `EpisodeResult`, the index of the start, what identifies the case, and
     every parameter by its name.
     """
-    file, rows = folder / FILE, list[dict[str, Any]]()
+    rows = list[dict[str, Any]]()
     query = "SELECT identity, start, result FROM episodes JOIN cases USING (digest)"
-    for identity, start, text in _read(file, query):
-        case = _decoded(file, identity, dict[str, Any])
-        case |= case.pop("parameters")
-        result = _decoded(file, text, EpisodeResult)
+    for identity, start, text in _rows(folder / FILE, query):
+        with parsing(folder / FILE, _KIND):
+            case = msgspec.json.decode(identity)
+            case |= case.pop("parameters")
+            result = msgspec.json.decode(text, type=EpisodeResult)
         rows.append(case | msgspec.structs.asdict(result) | {"index": start})
     write_parquet(path, rows)

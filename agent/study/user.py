@@ -4,36 +4,31 @@
 """
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from itertools import product
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from agent.evaluation.cases import Case
-from agent.evaluation.claims import Claim, claim_of
+from agent.evaluation.claims import claim_of
 from agent.evaluation.rows import Row
-from agent.mdp.exact import joint_starts
-from agent.study.engine import Line, case_of, measure
+from agent.study.engine import lines_of, measure
 from agent.study.options import Sampling
-from agent.study.policies import name_of, policy_of
+from agent.study.policies import name_of
 from agent.study.report import SUFFIXES, Report
 from agent.study.store import EpisodeStore
 from cosim.base.arguments import ConfigError, to_plain, validate_argument
-from cosim.base.command import record_of
+from cosim.base.command import Count, record_of
 from cosim.base.jobs import until
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.reading import Kind, read_toml
-from cosim.model.preset import PAPER
 from cosim.model.scenario import Scenario
-from cosim.model.scenario_file import find_in_world
-from cosim.simulation.options import Physics, options_of
 
 _LOGGER = logging.getLogger(__name__)
 _FILE = Kind("study", "see docs/studies.md")
 _OF_COMMAND = ("jobs", "backend", "address", "budget_minutes", "progress")
+_STARTS = 20  # of `evaluate`, by default
 
 
 @showing
@@ -74,20 +69,27 @@ def study(
     Raises:
         UserError: see its message.
     """
-    how, options = record_of(Sampling, options)
-    report, judged = progress or silent, claim_of(how.claim, how.confidence)
     scenario = to_plain("scenario", scenario)
     scenarios = scenario if isinstance(scenario, list | tuple) else [scenario]
-    folder, named, seed = how.out, _named(policies), how.seed
-    if episodes is not None and validate_argument("episodes", episodes, int) < 1:
-        raise ConfigError(f"episodes = {episodes} must be at least 1")
-
-    def indices(case: Case) -> list[int]:
-        wanted = episodes or len(case.starts)
-        return case.rounds(wanted) if judged else case.sample(min(wanted, len(case.starts)))
-
+    count = validate_argument("episodes", episodes, Count | None)
     given = {"world": world, **options}
-    lines = lines_of(named, scenarios, given, seed, indices, judged, report)
+    return _measured(_by_name(policies), scenarios, given, count, progress or silent)
+
+
+def _measured(
+    policies: dict[str, Any],
+    scenarios: Sequence[Any],
+    options: dict[str, Any],
+    count: int | None,
+    progress: Progress,
+    *,
+    exactly: bool = False,
+) -> Report:
+    """Measure and keep what `study` and `evaluate` are given; see `lines_of`."""
+    how, given = record_of(Sampling, options)
+    folder = how.out
+    which: dict[str, Any] = {"exactly": exactly, "claim": claim_of(how.claim, how.confidence)}
+    lines = lines_of(policies, scenarios, given, how.seed, count, progress, **which)
     odd = [line.policy for line in lines if not getattr(line.case.policy, "recognizable", True)]
     if folder is not None and odd:
         _LOGGER.warning(
@@ -97,12 +99,12 @@ def study(
         )
     store = EpisodeStore(None if folder is None or odd else folder / "results")
     may_begin = until(how.budget_minutes)
-    measured = measure(lines, store, how.where, may_begin=may_begin, progress=report)
+    measured = measure(lines, store, how.where, may_begin=may_begin, progress=progress)
     rows = tuple(
         msgspec.structs.replace(row, results=line.results(store))
         for row, line in zip(measured, lines, strict=True)
     )
-    table = Report(rows=rows, axes=tuple(lines[0].options), seed=seed)
+    table = Report(rows=rows, axes=tuple(lines[0].options), seed=how.seed)
     if folder is not None:
         for suffix in SUFFIXES:
             table.write(folder / f"study{suffix}")
@@ -110,73 +112,22 @@ def study(
     return table
 
 
-def lines_of(
-    named: Mapping[str, Any],
-    scenarios: Sequence[Any],
-    given: Mapping[str, Any],
-    seed: int,
-    indices: Callable[[Case], list[int]],
-    claim: Claim | None,
-    progress: Progress,
-) -> list[Line]:
-    """Return policies by name in every combination of scenarios and options.
-
-    Args:
-        named: what `policy_of` takes.
-        scenarios: None for that of every policy's file.
-        given: `world` and options of `minirobots run`; a list is an axis.
-        seed: see `study`.
-        indices: of the starts of a case.
-        claim: about every row.
-        progress: receives what is trained and calibrated.
-    """
-    given = {name: to_plain(name, value) for name, value in given.items()}
-    axes = {name: value for name, value in given.items() if isinstance(value, list)}
-    if not (named and scenarios and all(axes.values())):
-        raise ConfigError("policies, scenarios and every axis need at least one value each")
-    lines: list[Line] = []
-    found: dict[tuple[str, Scenario | None, str], Any] = {}
-    for board, (name, policy), values in product(scenarios, named.items(), product(*axes.values())):
-        chosen = dict(zip(axes, values, strict=True))
-        physics = {**given, **chosen}
-        world = physics.pop("world")
-        setup = options_of("study", physics)
-        only = None if board is None else setup.board(find_in_world(board, world)[0])
-        key = name, only, str(setup.preset)
-        if key not in found:
-            training = {"seed": seed, "preset": setup.preset, "progress": progress}
-            found[key] = policy_of(policy, only, **training)
-        acting = found[key]
-        case = case_of(acting, setup, seed, board, world=world, name=name, progress=progress)
-        lines.append(Line(case, indices(case), name, chosen, claim))
-    return lines
-
-
-def _named(policies: Any) -> dict[str, Any]:
-    """Return policies by name.
-
-    Raises:
-        ConfigError: two have one name.
-    """
+def _by_name(policies: Any) -> dict[str, Any]:
+    """Return policies by name; refuse two of one name."""
     if isinstance(policies, Mapping):
         return {str(name): policy for name, policy in policies.items()}
     several = policies if isinstance(policies, list | tuple) else [policies]
-    named = {name_of(policy): policy for policy in several}
-    if len(named) < len(several):
+    by_name = {name_of(policy): policy for policy in several}
+    if len(by_name) < len(several):
         raise ConfigError(
             f"policies = {', '.join(map(name_of, several))} have equal names; give a dict with a "
             "name for each"
         )
-    return named
+    return by_name
 
 
 def read_study(path: Path) -> dict[str, Any]:
-    """Return the arguments of `study` that a TOML file has.
-
-    Raises:
-        ConfigError: there is no such file, it is no TOML, it names no policies, or it has what is
-            an option of the command.
-    """
+    """Return the arguments of `study` that a TOML file has; refuse options of the command."""
     content = read_toml(path, _FILE)
     if "policies" not in content:
         raise ConfigError(f'{path}: names no policies; add one, such as policies = ["moves"]')
@@ -187,12 +138,13 @@ def read_study(path: Path) -> dict[str, Any]:
     return content
 
 
+@showing
 def evaluate(
     policy: Any,
     scenario: str | Path | Scenario | None = None,
     *,
     starts: int | None = None,
-    claim: str | None = None,
+    progress: Progress | None = automatic,
     **options: Any,
 ) -> Row:
     """Simulate episodes of one policy on all cores, and return what it achieves.
@@ -213,8 +165,8 @@ def evaluate(
         scenario: name, file or record; by default that of the policy's file.
         starts: how many to sample without replacement, by default 20. With a claim by default all,
             and if it is more than there are they begin again, each time with other noise.
-        claim: see `study`.
-        options: `confidence`, `seed`, `world`, `jobs`, `backend`, `out`, `progress` and others of
+        progress: see `study`.
+        options: `claim`, `confidence`, `seed`, `world`, `jobs`, `backend`, `out` and others of
             `study`, and those of `minirobots run`, such as `mu`; one value each.
 
     Returns:
@@ -229,18 +181,8 @@ def evaluate(
     varying = [name for name, value in options.items() if isinstance(value, list | np.ndarray)]
     if varying or isinstance(policy, list | Mapping) or isinstance(scenario, list | tuple):
         raise ConfigError("evaluate takes one value of each option; study takes several")
-    name, episodes = name_of(policy), starts
-    if starts is None:
-        episodes = None if claim else 20
-    elif validate_argument("starts", starts, int) < 1:
-        raise ConfigError(f"starts = {starts} must be at least 1")
-    elif claim is None:
-        board = None if scenario is None else find_in_world(scenario, options.get("world"))[0]
-        if board is not None:
-            board = Physics(preset=options.get("preset", PAPER)).board(board)
-        known = {"seed": options.get("seed", 0), "progress": options.get("progress") or silent}
-        policy = policy_of(policy, board, preset=options.get("preset", PAPER), **known)
-        if starts > (available := len(joint_starts(policy.process))):
-            raise ConfigError(f"starts = {starts}: there are only {available} starts; ask for less")
-    (row,) = study({name: policy}, scenario, episodes=episodes, claim=claim, **options).rows
-    return row
+    wanted = validate_argument("starts", starts, Count | None)
+    count = wanted or (None if options.get("claim") else _STARTS)
+    by_name, exactly = {name_of(policy): policy}, wanted is not None
+    table = _measured(by_name, [scenario], options, count, progress or silent, exactly=exactly)
+    return table.rows[0]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.mdp.readings import Process
+from agent.mdp.interpretations import Process
 from agent.mdp.rng import probability_threshold, seeded_state
 from agent.training.settings import LearningConfig
 from cosim.onboard.features import DIRECTION_COUNT
@@ -22,25 +22,15 @@ MAX_MAPPED_CELLS = 100_000
 
 
 class Learning(NamedTuple):
-    """A `LearningConfig` for the kernel.
+    """A `LearningConfig` for the kernel."""
 
-    Attributes:
-        eta: float32, learning rate of each block of episodes.
-        gamma: float32.
-        epsilon_thresholds: uint64, exploration threshold of each block of episodes.
-        epsilon_episodes: episodes per block.
-        double_q: whether there are two tables per robot.
-        log_episodes: episodes per point of the learning curves.
-        log_window: last episodes of a point that count.
-    """
-
-    eta: np.ndarray
+    eta: np.ndarray  # float32, learning rate of each block of episodes
     gamma: np.float32
-    epsilon_thresholds: np.ndarray
-    epsilon_episodes: int
-    double_q: bool
-    log_episodes: int
-    log_window: int
+    epsilon_thresholds: np.ndarray  # uint64, exploration threshold of each block of episodes
+    epsilon_episodes: int  # per block
+    double_q: bool  # whether there are two tables per robot
+    log_episodes: int  # per point of the learning curves
+    log_window: int  # last episodes of a point that count
 
 
 # Columns of a learning-curve row: sums over the window's episodes.
@@ -49,31 +39,21 @@ EPISODES, SUCCESSES, PATH_CELLS, STEPS, RETURNS = 0, 1, 2, 3, 4  # RETURNS and a
 
 @dataclass
 class TrainingState:
-    """Everything a training run is made of between two episodes.
+    """Everything a training run is made of between two episodes."""
 
-    Attributes:
-        q: (tables, N, states, 8) float32, Q tables; two tables for double Q-learning.
-        visits: (N, states) uint32, how often each robot decided in each state.
-        random: (1,) uint64, generator state.
-        curve: (points, RETURNS + N) float64, sums over the window of each point: episodes,
-            successes, path length in cells (mean over robots, successes only), moves (the same),
-            return of each robot.
-        greedy: (G, 3) float64, exact evaluations during training: success rate, path length in
-            cells, moves.
-        maps: (S, N, 3, columns, rows) float32, value, greedy direction and visits of each cell
-            (`cosim.recording.series`) after the evaluations of `map_points`.
-        episode: episodes done.
-        agent_steps: decisions of all robots so far.
-    """
-
-    q: np.ndarray
-    visits: np.ndarray
-    random: np.ndarray
+    q: np.ndarray  # (tables, N, states, 8) float32, Q tables; two tables for double Q-learning
+    visits: np.ndarray  # (N, states) uint32, how often each robot decided in each state
+    random: np.ndarray  # (1,) uint64, generator state
+    # (points, RETURNS + N) float64, sums over the window of each point: episodes, successes, path
+    # length in cells (mean over robots, successes only), moves (the same), return of each robot
     curve: np.ndarray
+    # (G, 3) float64, exact evaluations during training: success rate, path length in cells, moves
     greedy: np.ndarray
+    # (S, N, 3, columns, rows) float32, value, greedy direction and visits of each cell
+    # (`cosim.recording.series`) after the evaluations of `map_points`
     maps: np.ndarray
-    episode: int = 0
-    agent_steps: int = 0
+    episode: int = 0  # episodes done
+    agent_steps: int = 0  # decisions of all robots so far
 
 
 def epsilon_of_episodes(config: LearningConfig, episodes: np.ndarray) -> np.ndarray:

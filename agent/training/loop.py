@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from agent.mdp.exact import cell_map, evaluate, some_starts
+from agent.mdp.interpretations import build_process
 from agent.mdp.optimum import require_paths_alone
-from agent.mdp.readings import build_process
 from agent.moves.model import MoveModel, build_model
 from agent.training.learning import (
     EPISODES,
@@ -41,41 +41,24 @@ from cosim.model.outcome import Outcome
 # Learning curves evaluate up to this many of the `joint_starts`, evenly spaced if there are more.
 MAX_CURVE_STARTS = 5_000
 CHUNK_EPISODES = 50_000  # about 0.1 s: progress moves and Ctrl-C answers
-
-
 _FILE = Kind("file of learning curves", "train again")
 
 
 class TrainingLog(NamedTuple):
-    """Learning curves: K points of behaviour (exploring) and G exact greedy evaluations.
+    """Learning curves: K points of behaviour (exploring) and G exact greedy evaluations."""
 
-    Attributes:
-        episode: (K,) int64, episodes done at each point.
-        success: (K,) success rate over the last episodes (Section V.B: 100) before each point.
-        path_length_cm: (K,) mean over robots and successful episodes; NaN without a success.
-        steps: (K,) moves, the same means.
-        returns: (K, N) mean undiscounted return of each robot.
-        epsilon: (K,) exploration probability.
-        greedy_episode: (G,) int64, episodes done at each greedy evaluation.
-        greedy_success: (G,) exact success rate over all starts (see `MAX_CURVE_STARTS`).
-        greedy_path_length_cm: (G,) mean over robots and successful starts.
-        greedy_steps: (G,) moves, the same mean.
-        map_episode: (S,) int64, episodes done at each moment with maps.
-        maps: (S, N, 3, columns, rows) float32, value, greedy direction and visits of each cell.
-    """
-
-    episode: np.ndarray
-    success: np.ndarray
-    path_length_cm: np.ndarray
-    steps: np.ndarray
-    returns: np.ndarray
-    epsilon: np.ndarray
-    greedy_episode: np.ndarray
-    greedy_success: np.ndarray
-    greedy_path_length_cm: np.ndarray
-    greedy_steps: np.ndarray
-    map_episode: np.ndarray
-    maps: np.ndarray
+    episode: np.ndarray  # (K,) int64, episodes done at each point
+    success: np.ndarray  # (K,) rate over the last episodes (Section V.B: 100) before each point
+    path_length_cm: np.ndarray  # (K,) mean over robots and successful episodes; NaN without any
+    steps: np.ndarray  # (K,) moves, the same means
+    returns: np.ndarray  # (K, N) mean undiscounted return of each robot
+    epsilon: np.ndarray  # (K,) exploration probability
+    greedy_episode: np.ndarray  # (G,) int64, episodes done at each greedy evaluation
+    greedy_success: np.ndarray  # (G,) exact rate over all starts (see `MAX_CURVE_STARTS`)
+    greedy_path_length_cm: np.ndarray  # (G,) mean over robots and successful starts
+    greedy_steps: np.ndarray  # (G,) moves, the same mean
+    map_episode: np.ndarray  # (S,) int64, episodes done at each moment with maps
+    maps: np.ndarray  # (S, N, 3, columns, rows) float32, value, greedy direction, visits
 
     def save(self, path: Path) -> None:
         """Write as `.npz`, whole or not at all."""
@@ -107,12 +90,7 @@ def move_model(config: PolicyConfig) -> MoveModel | None:
 
 
 def learn(config: PolicyConfig, progress: Progress = silent) -> tuple[Policy, TrainingLog]:
-    """Train from nothing to the last episode, without looking at or writing any file.
-
-    Args:
-        config: of the run.
-        progress: receives the episodes done after every chunk.
-    """
+    """Train from nothing to the last episode, without reading or writing any file."""
     numbers = config.learning
     process, model = build_process(config.scenario, config.process), move_model(config)
     require_paths_alone(process)

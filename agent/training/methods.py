@@ -23,7 +23,7 @@ import numpy as np
 from agent.mdp import optimum
 from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import GreedyPolicy
-from agent.mdp.readings import Process, build_process
+from agent.mdp.interpretations import Process, build_process
 from agent.moves import group, pair
 from agent.moves.observe import cached_moves
 from agent.moves.times import fastest_tables
@@ -49,39 +49,25 @@ from cosim.simulation.options import DecisionOptions, Physics
 _LARGE_CELLS = 1000  # assumed: of a board on which one robot or two learn on moves by default
 
 
+Settings = Callable[[Scenario], tuple[ProcessConfig, LearningConfig]]
+
+
 @dataclass(frozen=True)
 class Method:
-    """One way to make policies.
+    """One way to make policies. Texts are for people."""
 
-    Attributes:
-        name: of the method; of a user's one "module:function".
-        how: it makes a policy, for people.
-        robots: number of robots that it can drive, for people.
-        needs: options of the co-simulation that it is made for, for people.
-        use: when to choose it, for people.
-        settings: of the decision process and of learning, for a scenario.
-        through: whether robots drive through cells in a scenario, on the observed moves that the
-            method uses; None if it uses none.
-        most_robots: that it can drive.
-        update: rule of learning, see `learner`; None for Q-learning (`agent.training.qlearning`).
-        compute: makes the policy without learning; None if it is learnt.
-        version: of what computes it.
-    """
-
-    name: str
-    how: str
-    robots: str = "any"
-    needs: str = ""
-    use: str = ""
-    settings: Callable[[Scenario], tuple[ProcessConfig, LearningConfig]] = lambda _: (
-        ProcessConfig(),
-        LearningConfig(),
-    )
+    name: str  # of a user's one "module:function"
+    how: str  # it makes a policy
+    robots: str = "any"  # number that it can drive
+    needs: str = ""  # options of the co-simulation that it is made for
+    use: str = ""  # when to choose it
+    settings: Settings = lambda _: (ProcessConfig(), LearningConfig())  # of process and learning
+    # Whether robots drive through cells, on the observed moves that it uses; None if it uses none
     through: Callable[[Scenario], bool] | None = None
     most_robots: int = 10**6
-    update: Callable[..., None] | None = None
-    compute: Callable[[PolicyConfig], GreedyPolicy] | None = None
-    version: int = 0
+    update: Callable[..., None] | None = None  # see `learner`; None for Q-learning
+    compute: Callable[[PolicyConfig], GreedyPolicy] | None = None  # None if it is learnt
+    version: int = 0  # of what computes it
 
     @property
     def facts(self) -> dict[str, str]:
@@ -97,7 +83,7 @@ def _on_moves(scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
     return process, LearningConfig(episodes=1_500_000, eta=0.03)
 
 
-def _features(*first: Any, partner: bool) -> Callable[[Scenario], Any]:
+def _features(*first: Any, partner: bool) -> Settings:
     """Return the settings of computed policies with these features."""
 
     def settings(scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
@@ -214,31 +200,33 @@ def _registered(function: Callable, **fields: Any) -> Method:
     return method
 
 
-def imported(name: str) -> Any:
-    """Return the object "module:Name", of this folder or an installed module."""
+def imported(what: str, name: str, kind: str) -> Any:
+    """Return the object "module:Name" of this folder or an installed module, or one of its class.
+
+    `what` it is, and the `kind` of objects that are expected, are named where that fails.
+    """
     module, _, attribute = name.partition(":")
     if str(Path.cwd()) not in sys.path:
         sys.path.append(str(Path.cwd()))
-    return getattr(importlib.import_module(module), attribute)
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+        return found() if isinstance(found, type) else found
+    except (Exception, SystemExit) as error:  # whatever a user's module does
+        raise ConfigError(
+            f"{what} = {name!r} cannot be imported ({error!r}); name MODULE:NAME of {kind}, in a "
+            "module of this folder or an installed one"
+        ) from error
 
 
 def find_method(name: "str | Method") -> Method:
     """Return a method by its name, which may be the "module:function" of a user."""
-    if isinstance(name, Method):
-        return name
     if isinstance(name, str) and name not in METHODS and ":" in name:
-        try:
-            found = imported(name)
-        except (Exception, SystemExit) as error:  # whatever a user's module does
-            raise ConfigError(
-                f"method = {name} cannot be imported ({error!r}); name MODULE:NAME of a method "
-                "that a module of this folder or an installed one registers"
-            ) from error
-        if isinstance(found, Method):
-            return found
-    if not isinstance(name, str) or name not in METHODS:
+        found = imported("method", name, "a method that is registered")
+    else:
+        found = METHODS.get(name) if isinstance(name, str) else name
+    if not isinstance(found, Method):
         raise ConfigError(unknown("method", name, METHODS))
-    return METHODS[name]
+    return found
 
 
 def best_method(scenario: Scenario) -> str:
@@ -266,15 +254,12 @@ def method_config(
     preset: str | Path | Preset = PAPER,
     progress: Progress = silent,
 ) -> PolicyConfig:
-    """Configuration of a method for a scenario; moves may have to be observed first.
+    """Return the configuration of a method for a scenario; observe moves that are missing.
 
     Args:
-        method: or its name.
-        scenario: board, starts and targets.
         seed: of training; a computed policy has none.
-        episodes: training episodes, the method's own number by default.
-        motor_fmu: motor FMU of the observed moves, the built-in one by default.
-        motor_parameters: of the motor FMU, set through FMI while moves are observed.
+        episodes: of training, the method's own number by default.
+        motor_fmu, motor_parameters: of the observed moves, by default the built-in one's.
         worlds: ranges of the worlds that moves are observed in; by default that of the paper.
         preset: machine that moves are observed of, where the method uses them.
         progress: receives what is calibrated and observed.
@@ -311,11 +296,9 @@ def method_config(
         config = config.merged(DecisionOptions(through=method.through(scenario)).tree())
         worlds = None if worlds is None else checked_ranges(worlds, config)
         moves = cached_moves(config, fmu, progress, worlds, scenario.cell_m)
-    if method.compute is not None:
-        version = f"{method.name} {method.version}"
-        return PolicyConfig(
-            scenario, process, learning, Seed(0), moves, method.name, kernel_version=version
-        )
     if episodes is not None:
         learning = replace(learning, episodes=episodes)
-    return PolicyConfig(scenario, process, learning, Seed.of(seed), moves, method.name)
+    own: dict[str, Any] = {}
+    if method.compute is not None:
+        seed, own = 0, {"kernel_version": f"{method.name} {method.version}"}
+    return PolicyConfig(scenario, process, learning, Seed.of(seed), moves, method.name, **own)

@@ -19,7 +19,7 @@ from agent.mdp.grid import (
     place_randomly,
     state_index,
 )
-from agent.mdp.readings import Process
+from agent.mdp.interpretations import Process
 from agent.mdp.rng import PROBABILITY_SHIFT, next_word
 from agent.moves.kernels import PLAN_SIZE, begin_move, reset_plans, step, waits
 from agent.moves.model import MoveModel

@@ -6,6 +6,7 @@ next to it for people; nothing in it is executed on loading. The cache of polici
 """
 
 import json
+from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,21 +16,15 @@ import msgspec
 import numpy as np
 
 from agent.mdp.config import ProcessConfig, refuse_without_effect
-from agent.mdp.exact import Evaluation, cell_map, evaluate, joint_starts, some_starts
-from agent.mdp.greedy import GreedyPolicy, on_grid
+from agent.mdp.exact import MAX_STARTS, Evaluation, cell_map, evaluate, evaluate_by, some_starts
+from agent.mdp.greedy import GreedyPolicy, greedy, on_grid
 from agent.mdp.grid import STARTING_AXIS
+from agent.mdp.interpretations import build_process
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE
 from agent.mdp.optimum import require_paths
-from agent.mdp.readings import build_process
-from agent.moves.group import MOST_CELLS, MOST_TIMES, Group, evaluate_group, group_of, plan
+from agent.moves.group import MOST_CELLS, MOST_TIMES, Group, group_of, plan
 from agent.moves.model import ObservedMoves
-from agent.moves.pair import (
-    UNREACHABLE,
-    PairTimes,
-    evaluate_pair,
-    pair_values,
-    solve_pair,
-)
+from agent.moves.pair import UNREACHABLE, PairTimes, pair_values, solve_pair
 from agent.moves.times import Board, board_of, least_times
 from agent.training.learning import VERSION
 from agent.training.settings import LearningConfig
@@ -44,7 +39,6 @@ from cosim.recording.series import PolicyMap
 SCHEMA_VERSION = 1
 _FILE = Kind("policy file", "name a policy.npz that training has saved")
 _CONFIG = Kind("policy's configuration", "train it again")
-_GRID_STARTS = 50  # assumed: of evaluations of groups on the grid, some 0.3 s each
 _KEPT = 4096  # plans that are kept: policies are asked again before anything has changed
 
 
@@ -109,21 +103,14 @@ class Policy(GreedyPolicy):
     >>> policy.save("policy.npz")
     >>> mr.Policy.load("policy.npz").digest() == policy.digest()
     True
-
-    Attributes:
-        config: what it was trained with.
-        q: (tables, N, states, 8) float32, Q tables; two for double Q-learning.
-        visits: (N, states) uint32, decisions made in each state; 1 each if computed.
-        random: (1,) uint64, generator state after training.
-        episodes: episodes trained.
     """
 
     kind = "table"
     config: PolicyConfig
-    q: np.ndarray
-    visits: np.ndarray
-    random: np.ndarray
-    episodes: int = 0
+    q: np.ndarray  # (tables, N, states, 8) float32, Q tables; two for double Q-learning
+    visits: np.ndarray  # (N, states) uint32, decisions made in each state; 1 each if computed
+    random: np.ndarray  # (1,) uint64, generator state after training
+    episodes: int = 0  # trained
 
     @cached_property
     def values(self) -> np.ndarray:
@@ -132,10 +119,10 @@ class Policy(GreedyPolicy):
 
     def states(self, observation: Observation) -> np.ndarray:
         """(N,) int64, row of each robot's table for an observation."""
-        seen = self.seen(observation)
-        _, states = on_grid(self.process, seen)
+        checked = self.checked(observation)
+        _, states = on_grid(self.process, checked)
         if states[0] < 0:
-            raise ValueError(f"cells {seen.cells.tolist()} are off the board")
+            raise ValueError(f"cells {checked.cells.tolist()} are off the board")
         return states
 
     def q_values(self, observation: Observation) -> np.ndarray:
@@ -147,7 +134,7 @@ class Policy(GreedyPolicy):
         return evaluate(self.process, self.values, starts)
 
     def digest(self) -> str:
-        """Hash (16 hex digits) of the readings of the process and of all action values."""
+        """Hash (16 hex digits) of the interpretations of the process and of all action values."""
         return digest_of(self.config.process, self.values)
 
     def maps(self) -> list[PolicyMap]:
@@ -176,31 +163,47 @@ class Policy(GreedyPolicy):
 
 
 def table_policy(config: PolicyConfig, values: np.ndarray, decided: np.ndarray) -> Policy:
-    """Return a policy whose tables are computed.
+    """Return a policy with computed tables: action values (N, states, 8).
 
-    Args:
-        config: of the policy.
-        values: (N, states, 8) action values.
-        decided: (N, states) bool, whether there is anything to decide and a path to the target.
+    `decided`, (N, states) bool, is whether there is anything to decide and a path to the target.
     """
     tables = np.asarray(values, dtype=np.float32)[None]
     return Policy(config, tables, decided.astype(np.uint32), np.zeros(1, dtype=np.uint64))
 
 
 class _OnTimes(GreedyPolicy):
-    """Policy of robots that know the times of their moves, `times`."""
+    """Policy of robots that know the times of their moves."""
 
+    most_starts = MAX_STARTS  # of evaluations on the grid, by default
     config: PolicyConfig
 
-    def numbered(self, observation: Observation) -> np.ndarray:
-        """(3, N) int64, numbers of the robots' cells and goals, and the axes that they face."""
-        seen, scenario = self.seen(observation), self.config.scenario
+    @abstractmethod
+    def values_at(self, numbers: np.ndarray) -> np.ndarray:
+        """(N, 8) float32, action values by (3, N) int64, see `_numbers`."""
+
+    def q_values(self, observation: Observation) -> np.ndarray:
+        """See `GreedyPolicy.q_values`."""
+        return self.values_at(self._numbers(observation))
+
+    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
+        """See `GreedyPolicy.evaluate`."""
+        starts = some_starts(self.process, self.most_starts) if starts is None else starts
+
+        def decide(cells: np.ndarray, axes: np.ndarray) -> np.ndarray:
+            return greedy(self.values_at(np.stack([cells, cells, axes])), axes)
+
+        return evaluate_by(self.process, starts, decide)
+
+    def _numbers(self, observation: Observation) -> np.ndarray:
+        """Return the numbers of the robots' cells and goals, and the axes that they face."""
+        checked, scenario = self.checked(observation), self.config.scenario
         size = np.array((scenario.columns, scenario.rows))
-        if ((seen.cells < 0) | (seen.cells >= size)).any():
-            raise ValueError(f"cells {seen.cells.tolist()} are off the board")
-        cells = seen.cells @ (scenario.rows, 1)
-        goals = seen.goals.clip(0, size - 1) @ (scenario.rows, 1) if len(seen.goals) else cells
-        return np.stack([cells, goals, seen.direction % AXIS_COUNT])
+        if ((checked.cells < 0) | (checked.cells >= size)).any():
+            raise ValueError(f"cells {checked.cells.tolist()} are off the board")
+        cells = goals = checked.cells @ (scenario.rows, 1)
+        if len(checked.goals):
+            goals = checked.goals.clip(0, size - 1) @ (scenario.rows, 1)
+        return np.stack([cells, goals, checked.direction % AXIS_COUNT])
 
     def alone_maps(self, board: Board, alone: np.ndarray) -> list[PolicyMap]:
         """Maps of each robot as if alone: minus its least time, the direction that leads to it."""
@@ -219,17 +222,11 @@ class _OnTimes(GreedyPolicy):
 
 @dataclass(frozen=True, repr=False)
 class PairPolicy(_OnTimes):
-    """Joint moves of least time of two robots, looked for one move ahead.
-
-    Attributes:
-        config: with moves of robots that drive through cells.
-        delay: see `agent.moves.pair.PairTimes`.
-        episodes: of training; none.
-    """
+    """Joint moves of least time of two robots that drive through cells, one move ahead."""
 
     kind = "pair"
     config: PolicyConfig
-    delay: np.ndarray
+    delay: np.ndarray  # see `agent.moves.pair.PairTimes`
     episodes: int = 0
 
     @classmethod
@@ -249,20 +246,15 @@ class PairPolicy(_OnTimes):
         board = board_of(self.process, self.config.moves)
         return PairTimes(board, least_times(self.process, self.config.moves), self.delay)
 
-    def q_values(self, observation: Observation) -> np.ndarray:
-        """(2, 8) float32, minus the time in s of both robots if the other does what is best."""
-        cells, goals, axes = self.numbered(observation)
+    def values_at(self, numbers: np.ndarray) -> np.ndarray:
+        """Return minus the time in s of both robots if the other does what is best."""
         values = np.empty((2, DIRECTION_COUNT), dtype=np.float32)
+        cells, goals, axes = numbers
         pair_values(self.times, cells, goals, axes, values)
         return values
 
-    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """See `GreedyPolicy.evaluate`."""
-        starts = joint_starts(self.process) if starts is None else starts
-        return evaluate_pair(self.process, self.times, starts)
-
     def digest(self) -> str:
-        """Hash (16 hex digits) of the readings of the process and of all times."""
+        """Hash (16 hex digits) of the interpretations of the process and of all times."""
         return digest_of(self.config.process, *self.times.board, *self.times[1:])
 
     def maps(self) -> list[PolicyMap]:
@@ -284,14 +276,10 @@ def can_plan(scenario: Scenario) -> bool:
 
 @dataclass(frozen=True, repr=False)
 class GroupPolicy(_OnTimes):
-    """Moves of the robots' plans (`agent.moves.group`), which are made while they drive.
-
-    Attributes:
-        config: with moves of robots that drive through cells.
-        episodes: of training; none.
-    """
+    """Moves of the robots' plans (`agent.moves.group`), which are made while they drive."""
 
     kind = "group"
+    most_starts = 50  # assumed: some 0.3 s each
     config: PolicyConfig
     episodes: int = 0
 
@@ -320,20 +308,18 @@ class GroupPolicy(_OnTimes):
     def _plans(self) -> dict[bytes, np.ndarray]:
         return {}
 
-    def q_values(self, observation: Observation) -> np.ndarray:
-        """(N, 8) float32, minus the time in s that the plan of a robot takes, at its first move.
+    def values_at(self, numbers: np.ndarray) -> np.ndarray:
+        """Return minus the time in s that the plan of a robot takes, at its first move.
 
         Other moves, and all moves of robots that do not wait, have no value.
         """
-        numbers = self.numbered(observation)
         asked = numbers.tobytes()
         values = self._plans.get(asked)  # another thread may clear the plans at any time
         if values is None:
-            robots = numbers.shape[1]
-            actions, ends = np.empty(robots, dtype=np.int64), np.empty(robots)
             cells, goals, axes = numbers
+            actions, ends = np.empty_like(cells), np.empty(len(cells))
             plan(self.group, cells, goals, axes, actions, ends)
-            values = np.full((robots, DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
+            values = np.full((len(actions), DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
             waits = np.flatnonzero(actions >= 0)
             values[waits, actions[waits]] = -ends[waits].clip(0.0, -0.4 * IMPOSSIBLE)
             if len(self._plans) >= _KEPT:
@@ -341,13 +327,8 @@ class GroupPolicy(_OnTimes):
             self._plans[asked] = values
         return values.copy()
 
-    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """See `GreedyPolicy.evaluate`; by default from some starts."""
-        starts = some_starts(self.process, _GRID_STARTS) if starts is None else starts
-        return evaluate_group(self.process, self.group, starts)
-
     def digest(self) -> str:
-        """Hash (16 hex digits) of the readings, of the version, and of what plans are made by."""
+        """Return the hash (16 hex digits) of the interpretations, the version and the times."""
         return digest_of(
             self.config.process, self.config.kernel_version, *self.group.board, *self.group[1:]
         )

@@ -19,7 +19,7 @@ from agent.mdp.grid import (
     slipped,
     state_index,
 )
-from agent.mdp.readings import Process
+from agent.mdp.interpretations import Process
 from agent.mdp.rng import PROBABILITY_SHIFT, next_word
 from agent.training.learning import (
     EPISODES,

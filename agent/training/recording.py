@@ -40,11 +40,7 @@ def write_training(
 ) -> None:
     """Write one run: curves and, at several moments, maps on the timeline `episode`.
 
-    Args:
-        path: of the recording.
-        policy: trained policy with its tables and visit counts.
-        log: learning curves and maps.
-        facts: what identifies the run, for the recording's properties.
+    `facts` identify the run, in the recording's properties.
     """
     robots = policy.config.scenario.robots
     identity = f"training-{facts.get('scenario')}-{policy.digest()}"
@@ -66,13 +62,7 @@ def write_training(
 
 
 def write_runs(path: Path, logs: Sequence[TrainingLog], facts: dict[str, Any]) -> None:
-    """Write many runs together: mean ± standard deviation of their curves.
-
-    Args:
-        path: of the recording.
-        logs: learning curves of runs of one configuration.
-        facts: what identifies them, for the recording's properties.
-    """
+    """Write runs of one configuration together: mean ± standard deviation of their curves."""
     identity = f"trainings-{facts.get('scenario')}-{digest_of(*(log.returns for log in logs))}"
     with Recording(path, identity, training_blueprint(0)) as file:
         file.properties("training", facts | {"runs": len(logs)})
@@ -93,9 +83,7 @@ def require_tensorboard() -> None:
 def write_events(folder: Path, log: TrainingLog) -> None:
     """Write the curves of one run as an event file of TensorBoard, in place of older ones.
 
-    Args:
-        folder: of the run.
-        log: learning curves; the step of a point is its episode.
+    The step of a point is its episode.
     """
     from tensorboardX import SummaryWriter  # noqa: PLC0415 - an extra
 
@@ -116,8 +104,8 @@ def joined(logs: Sequence[TrainingLog], times: str, values: str) -> tuple[np.nda
     """Episodes that all runs have a value at, (K,), and the values there, (runs, K)."""
     common = getattr(logs[0], times)
     for log in logs:
-        known = np.isfinite(getattr(log, values))
-        common = np.intersect1d(common, getattr(log, times)[known])
+        finite = np.isfinite(getattr(log, values))
+        common = np.intersect1d(common, getattr(log, times)[finite])
     rows = [getattr(log, values)[np.isin(getattr(log, times), common)] for log in logs]
     return common, np.array(rows)
 
@@ -130,14 +118,17 @@ def _colours(entity: str, count: int) -> np.ndarray:
     return palette([SERIES[(first + k) % len(SERIES)] for k in range(count)])
 
 
+def _curve(file: Recording, entity: str, style: Any, episode: np.ndarray, columns: Any) -> None:
+    file.static(f"/train/{entity}", style)
+    file.columns(f"/train/{entity}", [rr.TimeColumn("episode", sequence=episode)], columns)
+
+
 def _send(
     file: Recording, entity: str, episode: np.ndarray, values: np.ndarray, names: list[str]
 ) -> None:
-    known = np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+    finite = np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     style = rr.SeriesLines(names=names, colors=_colours(entity, len(names)))
-    file.static(f"/train/{entity}", style)
-    times = [rr.TimeColumn("episode", sequence=episode[known])]
-    file.columns(f"/train/{entity}", times, scalars(values[known]))
+    _curve(file, entity, style, episode[finite], scalars(values[finite]))
 
 
 def _mark_end_of_exploration(file: Recording, log: TrainingLog) -> None:
@@ -145,30 +136,28 @@ def _mark_end_of_exploration(file: Recording, log: TrainingLog) -> None:
     falls = np.flatnonzero(np.diff(log.epsilon) < 0.0)
     if not len(falls):
         return
-    end = falls[-1] + 1
+    end = slice(falls[-1] + 1, falls[-1] + 2)
     marks = {"success": log.success, "path_length": log.path_length_cm, "epsilon": log.epsilon}
     marks["return"] = log.returns.mean(axis=1)
-    style: dict[str, Any] = {"colors": _WHITE, "markers": "Diamond", "marker_sizes": 6.0}
+    look: dict[str, Any] = {"colors": _WHITE, "markers": "Diamond", "marker_sizes": 6.0}
     for entity, values in marks.items():
-        if np.isfinite(values[end]):
-            path = f"/train/{entity}/exploration_end"
-            file.static(path, rr.SeriesPoints(names="exploration ends", **style))
-            times = [rr.TimeColumn("episode", sequence=log.episode[end : end + 1])]
-            file.columns(path, times, scalars(values[end : end + 1]))
+        if np.isfinite(values[end]).all():
+            style = rr.SeriesPoints(names="exploration ends", **look)
+            curve = f"{entity}/exploration_end"
+            _curve(file, curve, style, log.episode[end], scalars(values[end]))
 
 
 def _send_scatter(
     file: Recording, entity: str, episode: np.ndarray, table: np.ndarray, name: str
 ) -> None:
     """Mean and variance over runs, which the viewer draws as a line with a band of ± σ."""
-    file.static(
-        f"/train/{entity}", rr.Measurements.from_fields(names=[name], colors=_colours(entity, 1))
-    )
+    style = rr.Measurements.from_fields(names=[name], colors=_colours(entity, 1))
     if not len(episode):  # there is no path without a success
+        file.static(f"/train/{entity}", style)
         return
     variance = table.var(axis=0, ddof=1) if len(table) > 1 else np.zeros(len(episode))
     rows = rr.Measurements.columns(values=table.mean(axis=0), variances=variance)
-    file.columns(f"/train/{entity}", [rr.TimeColumn("episode", sequence=episode)], rows)
+    _curve(file, entity, style, episode, rows)
 
 
 def _write_maps(file: Recording, name: str, episode: int, maps: PolicyMap) -> None:

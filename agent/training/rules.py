@@ -23,7 +23,7 @@ from agent.mdp.grid import (
     slipped,
     state_index,
 )
-from agent.mdp.readings import Process
+from agent.mdp.interpretations import Process
 from agent.mdp.rng import PROBABILITY_SHIFT, next_word
 from agent.training.learning import Learning, TrainingState
 from agent.training.qlearning import ACTION_BITS, best_of_sum, largest, log_episode

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.moves.model import ObservedMoves
 from agent.training.loop import TrainingLog, learn
 from agent.training.policy import Policy, PolicyConfig, Seed, load_policy
@@ -35,8 +35,6 @@ from cosim.model.scenario import Scenario
 
 EXPERIMENT_FILE = "experiment.json"
 RECORDING_FILE = "training.rrd"
-
-
 _FILE = Kind("configuration of runs", "choose another --out")
 
 
@@ -75,11 +73,8 @@ def make_runs(
     """Train the runs of an experiment and write each to its folder as soon as it is ready.
 
     Args:
-        experiment: what to train.
         out: folder of the experiment, made if it is missing; runs that it has are only read.
-        where: backend and number of workers.
-        progress: receives how many runs have ended.
-        task: what progress calls it.
+        progress: receives how many runs have ended, under the name `task`.
 
     Returns:
         Policies and learning curves of all runs in their order.
@@ -87,7 +82,7 @@ def make_runs(
     out = out.absolute()
     build_process(experiment.scenario, experiment.process)  # refuse here, not in every worker
     configs = experiment.configs()
-    _claim(out, experiment, configs)
+    _require_same(out, experiment, configs)
     folders = [out / run_name(number) for number in range(len(configs))]
     for folder in folders:
         folder.mkdir(exist_ok=True)
@@ -115,7 +110,7 @@ def policy_paths(out: Path) -> list[Path]:
     return sorted(out.glob(f"run_*/{POLICY_FILE}"))
 
 
-def _claim(out: Path, experiment: Experiment, configs: Sequence[PolicyConfig]) -> None:
+def _require_same(out: Path, experiment: Experiment, configs: Sequence[PolicyConfig]) -> None:
     """Make the folder this experiment's, or refuse; damaged runs are trained again."""
     path = out / EXPERIMENT_FILE
     if not path.exists():

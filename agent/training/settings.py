@@ -7,13 +7,14 @@ is slow to import, so that command lines can have these options.
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import msgspec
 
-from agent.mdp.config import Count, ProcessConfig, Share, check_fields
+from agent.mdp.config import Count, ProcessConfig, Share
+from cosim.base.arguments import require_names, validate_argument, validate_fields
 from cosim.base.errors import UserError
-from cosim.base.reading import Kind, read_toml
+from cosim.base.reading import Kind, naming, read_toml
 
 # Those of `agent.training.methods.METHODS` that are not a user's.
 MethodName = Literal["paper", "moves", "shortest", "fastest", "planned"]
@@ -56,7 +57,7 @@ class LearningConfig:
     """Exact evaluations of the greedy policy during training, evenly spread; 0 for none."""
 
     def __post_init__(self) -> None:
-        check_fields(self, "learning")
+        validate_fields(self, "learning: ")
         usual = LearningConfig.epsilon_decay
         if self.log_window > self.log_episodes:
             raise UserError(
@@ -89,29 +90,17 @@ class LearningConfig:
         return math.gcd(self.epsilon_episodes, explored) if explored else self.epsilon_episodes
 
 
-_Config = TypeVar("_Config", ProcessConfig, LearningConfig)
 _FILE = Kind("settings file", "check the path")
 
 
 def read_settings(path: Path) -> tuple[ProcessConfig, LearningConfig]:
     """Decision process and learning configuration of a TOML file; what it leaves out is default."""
+    tables, found = {"process": ProcessConfig, "learning": LearningConfig}, list[Any]()
     content = read_toml(path, _FILE)
-    if unknown := set(content) - {"process", "learning"}:
-        raise UserError(f"{path}: unknown table '{min(unknown)}'; use [process] and [learning]")
-    process = _convert(path, "process", content.get("process", {}), ProcessConfig)
-    return process, _convert(path, "learning", content.get("learning", {}), LearningConfig)
-
-
-def _convert(path: Path, table: str, content: Any, config: type[_Config]) -> _Config:
-    if not isinstance(content, dict):
-        raise UserError(f"{path}: {table} is not a table; write [{table}]")
-    names = {field.name for field in fields(config)}
-    for name in content:
-        if name not in names:
-            raise UserError(
-                f"{path}: unknown field {table}.{name}; choose one of {', '.join(sorted(names))}"
-            )
-    try:
-        return config(**content)
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from error
+    with naming(path):
+        require_names("table ", content, tables)
+        for name, kind in tables.items():
+            table = validate_argument(name, content.get(name, {}), dict)
+            require_names(f"{name}.", table, [field.name for field in fields(kind)])
+            found.append(kind(**table))
+    return found[0], found[1]

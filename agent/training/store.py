@@ -51,10 +51,7 @@ def find_or_make(
 ) -> tuple[Any, Any, Path]:
     """The policy of a configuration: found in the cache, or learnt or computed and kept there.
 
-    Args:
-        config: everything that decides the policy's bits.
-        again: make it even if the policy is there.
-        progress: receives the episodes trained; nothing if the policy is found.
+    With `again` it is made even if it is there; `progress` receives the episodes trained.
 
     Returns:
         The policy, its `TrainingLog` (None if it was computed) and the path of its file.

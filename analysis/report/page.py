@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jinja2
 
 from agent.evaluation.rows import METHOD, MU, PATH_RATIO, SCENARIO, SHIELD, rate_column
-from agent.evaluation.series import RunSummary
+from agent.evaluation.run import RunSummary
 from agent.evaluation.statistics import interval_text
 from agent.experiments.results import ExperimentResult
 from agent.study.studies import QUICK_EPISODES, TransferReport

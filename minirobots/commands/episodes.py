@@ -104,7 +104,7 @@ class Run(Command):
         return find_scenario(self.scenario).name
 
     def run(self, progress: Progress) -> Output:
-        from agent.evaluation.series import Series
+        from agent.evaluation.run import run_episodes
         from cosim.base.table import show_texts
         from cosim.recording.series import with_bursts
         from cosim.simulation.ahead import compiling_ahead
@@ -131,8 +131,9 @@ class Run(Command):
         driver = chosen_driver(self.physics.driver, fmu, setup.config)
         with compiling_ahead(scenario.robots, driver, self.episodes, threads):
             policy, log = self._policy(scenario, progress)
-        series = Series(setup, policy, out, self.physics, viewer, progress)
-        results = series.run(self.episodes, threads, log)
+        how = {"log": log, "viewer": viewer, "progress": progress}
+        work = {"episodes": self.episodes, "threads": threads}
+        results = run_episodes(setup, policy, out, self.physics, **work, **how)
         names = "episode", "outcome", "path length", "rotation", "simulated", "× real time"
         rows = [
             (

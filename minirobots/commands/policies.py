@@ -12,8 +12,7 @@ import tyro
 from agent.experiments.variants import Name
 from agent.mdp.config import ProcessConfig
 from agent.moves.worlds import RANGES, WorldRange, checked_ranges
-from agent.study.axes import AXES, Axis
-from agent.study.options import Sampling
+from agent.study.options import AXES, Axis, Sampling, Work
 from agent.training.settings import COMPARED, LearningConfig, MethodName, read_settings
 from cosim.base import command as opt
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
@@ -96,7 +95,6 @@ class Train(Command):
     def run(self, progress: Progress) -> Output:
         from agent.experiments.run import train_and_evaluate
         from agent.moves.model import ObservedMoves
-        from agent.study.grid import show
         from agent.training.methods import find_method, method_config
         from agent.training.runs import Experiment
 
@@ -116,7 +114,7 @@ class Train(Command):
         summary = train_and_evaluate(experiment, self.out, **how)
         more = ", and training.rrd of all runs" if self.runs > 1 else ""
         files = f"summary.json, run_*/policy.npz, training.npz, training.rrd{more}"
-        return Output(summary, partial(show, summary), f"results in {self.out}/: {files}")
+        return Output(summary, summary.show, f"results in {self.out}/: {files}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,14 +177,16 @@ class Evaluate(Sampling, Command):
 
             paths = grid.policy_files(tuple(map(Path, policies)))
             exact = grid.report_of((str(path), load_policy(path)) for path in paths)
-            return Output(exact, partial(grid.show, exact))
-        from agent.study.studies import evaluate, show_evaluation
+            return Output(exact, exact.show)
+        from agent.study.studies import STARTS, evaluate
 
+        count = int(self.starts) if self.starts and self.starts.isdecimal() else None
         report = evaluate(
             policies,
             self.physics,
             self,
-            starts=self.starts if self.starts in (None, "all") else int(self.starts),
+            starts=count if self.starts or self.claim else STARTS,
+            exactly=count is not None,
             scenario=self.scenario,
             recordings=self.recordings,
             progress=progress,
@@ -194,7 +194,7 @@ class Evaluate(Sampling, Command):
         recordings = [path for row in report.rows for path in row.recordings]
         return Output(
             report,
-            partial(show_evaluation, report),
+            report.show,
             f"results in {self.out}/",
             *(f"open with: {in_shell('rerun')} {path}" for path in recordings[:1]),
             failed=any(row.claim and row.claim.verdict != "certified" for row in report.rows),
@@ -254,18 +254,15 @@ class Study(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison(Command):
+class Comparison(Work, Command):
     """Options of a comparison of methods."""
 
     kept = RESUMES
 
     quick: bool = False
     """Short trial: two episodes in every row, instead of 50, 200 or all starts."""
-    budget_minutes: opt.BudgetMinutes = None
     methods: tuple[MethodName, ...] = COMPARED
     """Methods to measure; see `minirobots run --help`."""
-    seed: opt.Seed = 0
-    where: Where = THREADS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -292,11 +289,12 @@ class Transfer(Comparison):
             raise ConfigError("--scenarios has two of one name; leave one out, or rename it")
 
     def run(self, progress: Progress) -> Output:
-        from agent.study.studies import show, transfer
+        from agent.study.studies import transfer
 
-        report = transfer(**vars(self), progress=progress)
+        which = {"scenarios": self.scenarios, "methods": self.methods, "quick": self.quick}
+        report = transfer(self.out, self, **which, progress=progress)
         files = f"table in {self.out}/: transfer.json, transfer.md"
-        return Output(report, partial(show, report), files)
+        return Output(report, report.show, files)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -333,13 +331,14 @@ class Robustness(Comparison):
         find_scenario(self.scenario, ideal=True)
 
     def run(self, progress: Progress) -> Output:
-        from agent.study.studies import OF_WORLDS, robustness
-        from cosim.base.table import show
+        from agent.study.studies import robustness
 
-        report = robustness(**{**vars(self), "world": read_world(self.world)}, progress=progress)
-        table = partial(show, OF_WORLDS, report.rows, names=5)
+        names = ("scenario", "axes", "methods", "episodes", "quick")
+        which = {name: getattr(self, name) for name in names}
+        world = read_world(self.world)
+        report = robustness(self.out, self, world, **which, progress=progress)
         files = f"table in {self.out}/: robustness.json, robustness.md, robustness.png"
-        return Output(report, table, files)
+        return Output(report, report.show, files)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -355,16 +354,16 @@ class Bound(Command):
     """Interpretations of the paper; only target_obstacle and collision limit the paths."""
 
     def __post_init__(self) -> None:
-        for reading in fields(self.process):
-            given = getattr(self.process, reading.name)
-            if reading.name not in {"target_obstacle", "collision"} and given != reading.default:
-                option = reading.name.replace("_", "-")
+        for each in fields(self.process):
+            given = getattr(self.process, each.name)
+            if each.name not in {"target_obstacle", "collision"} and given != each.default:
+                option = each.name.replace("_", "-")
                 raise UserError(f"--process.{option} has no effect on the optimum; leave it out")
 
     def run(self, progress: Progress) -> Output:
         from agent.mdp.exact import enumerable, joint_starts
+        from agent.mdp.interpretations import build_process
         from agent.mdp.optimum import optimum, require_paths
-        from agent.mdp.readings import build_process
 
         scenario = find_scenario(self.scenario)
         process = build_process(scenario, self.process)

@@ -2,14 +2,19 @@
 
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
 import agent
 import minirobots as mr
 from agent.mdp.config import ProcessConfig
+from agent.mdp.exact import joint_starts
+from agent.mdp.interpretations import build_process
 from agent.mdp.joint import BLOCKED, cells_after
+from agent.mdp.optimum import optimum
 from agent.moves.worlds import WorldRange
+from agent.study.report import Report
 from agent.training import methods
 from agent.training.methods import METHODS, best_method, computed, learner, method_config
 from agent.training.runs import policy_paths
@@ -145,3 +150,25 @@ def test_train_takes_a_file_of_moves(options, command, tmp_path):
     config = mr.load(path).config
     assert (config.moves, config.method) == (moves, "moves")
     assert config.process.features == (("x", "y", "h") if options else ("x", "y", "d", "g"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "method", "least", "longest_s"),
+    [("4", "shortest", 0.99, 100.0), ("4-cross", "planned", 0.98, 200.0)],
+)
+def test_robots_get_there_in_time(name, method, least, longest_s, tmp_path, command):
+    """What the README and docs say policies achieve in the dynamics, from 200 starts each."""
+    policy = tmp_path / "policy.npz"
+    agent.train(name, method=method).save(policy)
+    options = ("--starts", 200, "--through", "--shield", "--recordings", 0, "--json")
+    done = command("evaluate", policy, *options, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    (row,) = msgspec.json.decode(done.stdout.splitlines()[-1], type=Report).rows
+    assert (row.episodes, row.collision, row.out_of_board) == (200, 0.0, 0.0)
+    assert row.success is not None and row.success >= least
+    assert row.sim_time_s is not None and row.sim_time_s <= longest_s
+    if method == "shortest":
+        process = build_process(find_scenario(name), ProcessConfig())
+        bound = optimum(process).of_starts(joint_starts(process), 30)[0].mean()
+        assert row.path_length_cm is not None and row.path_length_cm <= 1.15 * bound

@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from agent.mdp.config import ProcessConfig
+from agent.mdp.interpretations import build_process
 from agent.mdp.optimum import optimum
-from agent.mdp.readings import build_process
 from agent.moves.model import ObservedMoves, build_model
 from agent.training.loop import TrainingLog
 from agent.training.policy import Policy, PolicyConfig, Seed

@@ -19,7 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.training.learning import build_learning
 from agent.training.settings import LearningConfig, read_settings
 from analysis.timings import read_timings

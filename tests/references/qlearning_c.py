@@ -1,6 +1,6 @@
 """Builds and calls `qlearning.c`, the C reference of the training loop, for tests and benchmarks.
 
-The reference knows the built-in scenarios and the default readings only.
+The reference knows the built-in scenarios and the default interpretations only.
 """
 
 import ctypes
@@ -48,7 +48,7 @@ def reference_state(scenario: Scenario, random: np.ndarray) -> TrainingState:
 def train_reference(
     library: ctypes.CDLL, scenario: Scenario, learning: Learning, state: TrainingState, until: int
 ) -> None:
-    """Train a state up to episode `until` with the default readings, in place."""
+    """Train a state up to episode `until` with the default interpretations, in place."""
     config = ProcessConfig()
     targets = np.array(scenario.targets, dtype=np.int32)
     starts = [np.array(cells, dtype=np.int32) for cells in scenario.starts]

@@ -18,7 +18,7 @@ from agent.envs.drive import DriveVectorEnv
 from agent.envs.navigation import RobotsVectorEnv
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.mdp.rng import seeded_state
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError

@@ -11,7 +11,6 @@ from agent.evaluation.statistics import Statistics, rate
 from agent.experiments import results as experiments
 from agent.mdp.exact import joint_starts
 from agent.study import grid, studies
-from agent.study.report import Report
 from cosim.base.table import show_texts
 from cosim.model.outcome import Outcome
 
@@ -63,7 +62,9 @@ def test_there_is_one_table_if_there_is_room_and_further_ones_repeat_the_names()
 @pytest.mark.parametrize("width", [60, 80, 200])
 def test_policies_in_the_dynamics(width):
     row = dynamics_row(policy="p.npz", scenario="four-crossing", episodes=200, shield=False)
-    text = printed(studies.show_evaluation, Report(rows=(row,)), width=width)
+    text = printed(
+        studies.EvaluationReport.show, studies.EvaluationReport(rows=(row,)), width=width
+    )
     whole = ["four-crossing", "200 of 900", "98.8% [94.2, 100.0]", "1.2% [0.0, 5.8]", "collision"]
     whole += ["123.4 cm", "1.234 [1.111, 1.345]", "12.34 cm", "123 s", "456.7 J", "min distance"]
     assert [word for word in whole if word not in text] == []
@@ -73,7 +74,7 @@ def test_policies_on_the_grid():
     failure = Failure(starts=((1, 2), (3, 4)), outcome=Outcome.COLLISION)
     name = "runs/fig11/c1/run_003/policy.npz"
     row = grid_row(policy=name, failing_starts=11, failures=(failure,))
-    text = printed(grid.show, grid.GridReport(rows=(row,), over_policies={"4": OVER}))
+    text = printed(grid.GridReport.show, grid.GridReport(rows=(row,), over_policies={"4": OVER}))
     assert f"{name}: collision from (1, 2) (3, 4)" in text
     assert "1 more failing starts" in text
     whole = ["scenario", "98.76%", "1.23%", "43.21", "39.87", "1.012", "1.034", "out of board"]
@@ -88,7 +89,7 @@ def test_a_sample_of_the_starts_is_not_called_exact(near_policy, monkeypatch):
     monkeypatch.setattr(type(near_policy), "evaluate", lambda _: sample)
     some = grid.grid_row("some", near_policy)
     assert (some.starts, some.success_low, some.success_high) == (2, *rate(2, 2)[1:])
-    text = printed(grid.show, grid.GridReport(rows=(whole, some), over_policies={}))
+    text = printed(grid.GridReport.show, grid.GridReport(rows=(whole, some), over_policies={}))
     assert "sample of 2: 34.24% to 100.00%" in text
 
 
@@ -134,8 +135,8 @@ def test_effects_of_a_factorial_are_means_over_the_combinations_that_share_a_lev
 def test_transfer_has_all_that_its_file_has():
     rows = (dynamics_row(policy="moves", shield=True),)
     report = studies.TransferReport(rows=rows, episode_wall_s=120.0, simulated=50, goals=())
-    text = printed(studies.show, report)
-    table, _, findings = studies.markdown(report).partition("\n\n")
+    text = printed(studies.TransferReport.show, report)
+    table, _, findings = report.to_markdown().partition("\n\n")
     cells = [c.strip() for line in table.splitlines() for c in line.strip("|").split("|")]
     assert [c for c in cells if c != "---" and c not in text] == []
     assert findings.split()[-2:] == text.split()[-2:]

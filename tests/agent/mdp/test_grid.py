@@ -1,8 +1,11 @@
-"""ObservedMoves and rewards against hand-computed ones."""
+"""Moves, rewards and starts of the process against those computed by hand."""
 
+import itertools
 import math
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,13 +14,19 @@ from hypothesis import strategies as st
 
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import OBSTACLE, build_process
+from agent.mdp.exact import MAX_STARTS, joint_starts
+from agent.mdp.interpretations import OBSTACLE, build_process
+from agent.mdp.rewards import step_reward
 from agent.mdp.rng import seeded_state
+from agent.study.grid import grid_row
+from agent.training.learning import initial_state
+from agent.training.policy import Policy, PolicyConfig, Seed
+from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
-from cosim.onboard.features import DIRECTIONS, LARGE, MEDIUM, NEAR
+from cosim.onboard.features import DIRECTIONS, LARGE, MEDIUM, NEAR, Observation
 
 E, NE, N, NW, W, SW, S, SE = range(8)
 OBSTACLE_AT_10 = Scenario("b", "", ((25, 25),), (((0, 29),),), obstacles=((10, 10),))
@@ -39,9 +48,9 @@ def eq_11(distance_cells, c_or_1):
     return np.float32(-c_or_1 * (1.0 - min(distance_cells, 10.0) / 10.0) - 1.0)
 
 
-def process_of(scenario, **readings):
+def process_of(scenario, **interpretations):
     scenario = find_scenario(scenario) if isinstance(scenario, str) else scenario
-    return build_process(scenario, ProcessConfig(**readings))
+    return build_process(scenario, ProcessConfig(**interpretations))
 
 
 pair = partial(process_of, "2")
@@ -127,8 +136,8 @@ def test_zone_is_an_obstacle_only_if_asked_but_never_the_own_target():
 def test_swept_collision_sees_robots_that_pass_each_other():
     # robots smaller than a cell that swap their cells are never in contact on a cell's centre
     tiny = Scenario("t", "", ((5, 5), (0, 5)), (((0, 0),), ((9, 9),)), robot_diameter_m=0.009)
-    for reading, expected in (("cells", RUNNING), ("swept", COLLISION)):
-        process = process_of(tiny, collision=reading)
+    for collision, expected in (("cells", RUNNING), ("swept", COLLISION)):
+        process = process_of(tiny, collision=collision)
         assert step(process, world_at(process, (3, 3), (4, 3)), E, W)[0] == expected
 
 
@@ -146,13 +155,13 @@ def test_a_cell_is_blocked_if_a_robot_in_its_middle_touches_an_obstacle(diameter
     assert step(process, world_at(process, (10 + reach + 1, 10)), N) == (RUNNING, [-1.0])
 
 
-@pytest.mark.parametrize("reading", ["cells", "swept"])
-def test_swept_collision_sees_corners_that_diagonal_moves_graze(reading):
+@pytest.mark.parametrize("collision", ["cells", "swept"])
+def test_swept_collision_sees_corners_that_diagonal_moves_graze(collision):
     """A point-like robot passes from beside an obstacle to above it, over its corner."""
-    process = process_of(replace(OBSTACLE_AT_10, robot_diameter_m=0.009), collision=reading)
+    process = process_of(replace(OBSTACLE_AT_10, robot_diameter_m=0.009), collision=collision)
     for start, action in [((11, 10), NW), ((10, 11), SE), ((9, 10), NE), ((10, 9), NE)]:
         outcome, _ = step(process, world_at(process, start), action)
-        assert outcome == (COLLISION if reading == "swept" else RUNNING)
+        assert outcome == (COLLISION if collision == "swept" else RUNNING)
     for start, action in [((11, 10), NE), ((12, 10), NW), ((11, 10), N)]:
         assert step(process, world_at(process, start), action)[0] == RUNNING
     outside = world_at(process, (0, 0))
@@ -280,6 +289,61 @@ def test_unusable_starts_are_refused(change, message):
         ({"features": ("d", "g")}, "features = d, g .*lone robot"),
     ],
 )
-def test_unusable_readings_are_refused(wrong, message):
+def test_unusable_interpretations_are_refused(wrong, message):
     with pytest.raises(UserError, match=message):
         process_of("1a", **wrong)
+
+
+def test_few_starts_are_all_there_but_those_in_contact():
+    rows = (tuple((x, 0) for x in range(0, 10, 2)), ((0, 3), (8, 3)), ((4, 12),))
+    scenario = Scenario("few", "", ((2, 20), (12, 20), (22, 20)), rows)
+    expected = [
+        starts
+        for starts in itertools.product(*rows)
+        if all(math.dist(a, b) > 5 for a, b in itertools.combinations(starts, 2))
+    ]
+    found = joint_starts(build_process(scenario, ProcessConfig()))
+    assert [tuple(map(tuple, starts)) for starts in found.tolist()] == expected
+
+
+def test_many_starts_are_drawn_always_the_same():
+    scenario = find_scenario("6-swap")
+    process = build_process(scenario, ProcessConfig())
+    starts = joint_starts(process)
+    assert starts.shape == (MAX_STARTS, 6, 2)
+    assert np.array_equal(starts, joint_starts(process))
+    for robot, cells in enumerate(scenario.starts):
+        assert set(map(tuple, starts[:, robot].tolist())) == set(cells)
+    for i, j in itertools.combinations(range(6), 2):
+        assert ((starts[:, i] - starts[:, j]) ** 2).sum(axis=1).min() > 25
+
+
+def test_drawn_starts_have_an_interval_and_all_starts_have_none():
+    def untrained(name):
+        config = PolicyConfig(find_scenario(name), ProcessConfig(), LearningConfig(), Seed(0))
+        state = initial_state(build_process(config.scenario, config.process), config.learning, 0)
+        return Policy(config, state.q, state.visits, state.random)
+
+    drawn, exact = grid_row("drawn", untrained("4-cross")), grid_row("all", untrained("1b"))
+    assert (drawn.starts, drawn.success, drawn.success_low) == (10_000, 0.0, 0.0)
+    # Wilson: z²/(n + z²)
+    assert drawn.success_high is not None
+    assert math.isclose(drawn.success_high, 1.96**2 / (10_000 + 1.96**2), rel_tol=1e-3)
+    assert (exact.starts, exact.success_low, exact.success_high) == (116, None, None)
+
+
+@pytest.mark.parametrize(
+    ("per", "expected"), [("step", [-1.0, -1.0]), ("time", [-0.05] * 2), ("distance", [-0.3, 0.0])]
+)
+def test_what_a_step_costs(per, expected):
+    """Far from each other robots pay the cost of a step only."""
+    process = build_process(find_scenario("2"), ProcessConfig(reward_per=per))
+    cells = np.array([(2, 25), (25, 2)])
+    step: Any = SimpleNamespace(
+        action=np.array([0, 4]),
+        events=np.full(2, RUNNING),
+        after=Observation(cells, *np.zeros((3, 2), dtype=int)),
+        duration_s=0.1,
+        moved_m=np.array([0.003, 0.0]),
+    )
+    assert step_reward(process, step, np.zeros(2, dtype=bool)) == pytest.approx(expected)

@@ -12,7 +12,8 @@ from cosim.base.errors import UserError
 from cosim.model.outcome import SUCCESS
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
-from cosim.onboard.features import DIRECTIONS, Observation
+from cosim.onboard.features import DIRECTIONS
+from tests.agent.moves.test_pair import observe
 
 ALONE = Scenario("alone", "", ((8, 1),), (((1, 1),),), columns=12, rows=8, zone=(0, 0, 0, 0))
 SWAP = Scenario(
@@ -22,13 +23,6 @@ SWAP = Scenario(
 
 def planned(scenario):
     return GroupPolicy.computed(method_config("planned", scenario))
-
-
-def observe(scenario, cells, directions, goals=None):
-    cells = np.array(cells)
-    none = np.zeros(len(cells), dtype=np.int64)
-    goals = cells if goals is None else np.array(goals)
-    return Observation(cells, none, none, np.array(directions), np.array(scenario.targets), goals)
 
 
 @pytest.mark.slow

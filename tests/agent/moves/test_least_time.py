@@ -9,10 +9,10 @@ import pytest
 
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.mdp.rng import seeded_state
 from agent.moves import kernels
-from agent.moves.model import KINDS, NO_DIRECTION, Move, ObservedMoves, UserError, build_model
+from agent.moves.model import KINDS, ObservedMoves, UserError, build_model
 from agent.moves.times import fastest_tables, least_times, mean_seconds
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
@@ -20,21 +20,12 @@ from agent.training.store import find_or_make
 from cosim.model.outcome import RUNNING, SUCCESS
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTIONS
+from tests.agent.moves.test_pair import SECONDS, lasting
 
 BOARD = Scenario(
     "board", "", ((1, 4),), (((5, 0), (4, 1)),), columns=6, rows=6, zone=(0, 0, 0, 0),
     robot_diameter_m=0.009,
 )  # fmt: skip
-SECONDS = (3.0, 5.0, 9.0, 5.5, 3.9, 6.5, 11.0, 7.9)  # by kind: long turns do not pay
-
-
-def lasting(*seconds):
-    """A move of every kind, heading east or north-east first."""
-    moves = [
-        Move(k // 4, (k // 4 + k) % 4, NO_DIRECTION, 1, k // 4, 0.5, s, 0, 0, 0, 0)
-        for k, s in enumerate(seconds)
-    ]
-    return ObservedMoves("", 0, tuple(moves))
 
 
 def search(process, moves, cell, axis):

@@ -1,8 +1,9 @@
-"""Moves that last: the same process as the grid where they take one RL step, and learning."""
+"""Moves that last: the grid's process where they take one RL step, learning, and observation."""
 
 import json
 import math
 import re
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -11,12 +12,12 @@ import pytest
 
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.mdp.rng import next_word, seeded_state
-from agent.moves import kernels
-from agent.moves import observe as observe_module
+from agent.moves import kernels, observe
 from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, build_model, move_kind
 from agent.moves.observe import KINDS, observe_moves
+from agent.moves.worlds import RANGES, draw_world
 from agent.training.loop import learn
 from agent.training.moves_qlearning import _discounts
 from agent.training.policy import Policy, PolicyConfig, Seed
@@ -310,7 +311,9 @@ def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
         ({"clearance_m": 0.003}, False, "clearance_m = 0.003 .* on the grid.* at 0.002"),
     ],
 )
-def test_readings_without_effect_are_refused_by_name(process, on_moves, message, command, tmp_path):
+def test_interpretations_without_effect_are_refused_by_name(
+    process, on_moves, message, command, tmp_path
+):
     """In Python, on the command line and from a settings file, before anything is written."""
     (name, value), moves = *process.items(), ideal_moves()
     learning = LearningConfig(episodes=10, greedy_points=0)
@@ -378,7 +381,7 @@ def test_rewards_per_time_pay_for_two_seconds(rl_step_s):
 
 
 def test_moves_are_observed_on_the_cells_of_the_scenario(monkeypatch, tmp_path):
-    monkeypatch.setattr(observe_module, "WALKS", 1)
+    monkeypatch.setattr(observe, "WALKS", 1)
     small, large = (
         observe_moves(CoSimConfig(), cached_fmu(), moves_per_kind=1, cell_m=cell_m, jobs=1)
         for cell_m in (0.01, 0.02)
@@ -393,7 +396,7 @@ def test_moves_are_observed_on_the_cells_of_the_scenario(monkeypatch, tmp_path):
 
 
 def test_moves_are_observed_in_the_co_simulation(monkeypatch):
-    monkeypatch.setattr(observe_module, "WALKS", 2)
+    monkeypatch.setattr(observe, "WALKS", 2)
     motor_fmu = cached_fmu()
     moves = observe_moves(CoSimConfig(), motor_fmu, moves_per_kind=2, jobs=2)
     again = observe_moves(CoSimConfig(), motor_fmu, moves_per_kind=2, jobs=1)
@@ -405,3 +408,50 @@ def test_moves_are_observed_in_the_co_simulation(monkeypatch):
         assert 0.0 <= move.turn_s < move.duration_s < TIMING.move_limit_s
         assert math.hypot(move.stop_x, move.stop_y) < 0.3
     build_model(moves, 5.0)
+
+
+SIDE, REACH = 400, 14
+
+
+def test_worlds_are_within_their_ranges():
+    rng = np.random.default_rng(0)
+    worlds = [draw_world(RANGES, SIDE, REACH, rng) for _ in range(200)]
+    for name in ("mu", "motor_spread", "restitution", "floor_tilt_deg", "payload_g"):
+        low, high = getattr(RANGES, name)
+        drawn = np.array([getattr(world, name) for world in worlds])
+        assert low <= drawn.min() < low + 0.05 * (high - low)
+        assert high - 0.05 * (high - low) < drawn.max() <= high
+    for world in worlds:
+        assert len(world.mu_patches) == RANGES.patches
+        for patch in world.mu_patches:
+            left, bottom, right, top = patch.cells
+            assert abs(left - SIDE // 2) <= REACH
+            assert RANGES.patch_cells[0] <= right - left + 1 <= RANGES.patch_cells[1]
+            assert bottom <= top
+        assert world.camera.rate_hz >= RANGES.rate_hz[0]
+    assert len(set(map(repr, worlds))) == len(worlds)
+
+
+def test_every_walk_has_a_world_of_its_own(monkeypatch):
+    """In one batch, and the same whoever shares it."""
+    monkeypatch.setattr(observe, "WALKS_OF_WORLDS", 2)
+    seen = []
+    begin = observe.Batch.begin
+
+    def watched(batch, *arguments):
+        seen.append(arguments[-1].world)
+        return begin(batch, *arguments)
+
+    monkeypatch.setattr(observe.Batch, "begin", watched)
+    config = replace(CoSimConfig(), timing=TIMING._replace(move_limit_s=4.0))
+    walked = [
+        observe.observe_moves(config, cached_fmu(), worlds=RANGES, moves_per_kind=1, jobs=jobs)
+        for jobs in (1, 2)
+    ]
+    assert walked[0] == walked[1]
+    assert len(walked[0].walks) == observe.WALKS_OF_WORLDS
+    assert sum(walked[0].walks) == len(walked[0].moves) >= 2 * KINDS
+    assert seen[0] != seen[1]
+    assert seen[:2] == sorted(seen[2:], key=seen[:2].index)
+    ideal = observe.source_digest(config, cached_fmu())
+    assert walked[0].source != ideal

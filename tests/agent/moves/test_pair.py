@@ -1,18 +1,23 @@
-"""The least time of two robots together: against Dijkstra's algorithm over the joint states."""
+"""Least time of two robots against Dijkstra's algorithm over joint states; clearances of plans."""
 
 import heapq
 import itertools
+import math
+from dataclasses import replace
 from functools import cache
 
+import msgspec
 import numpy as np
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.moves import pair
 from agent.moves.model import NO_DIRECTION, Move, ObservedMoves
-from agent.moves.times import mean_seconds
-from agent.training.policy import PairPolicy, PolicyConfig, Seed, load_policy
+from agent.moves.times import board_of, mean_seconds
+from agent.training.loop import learn, move_model
+from agent.training.methods import METHODS
+from agent.training.policy import GroupPolicy, PairPolicy, PolicyConfig, Seed, load_policy
 from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.model.outcome import Outcome
@@ -27,15 +32,18 @@ BOARD = Scenario(
 )  # fmt: skip
 KEPT_CELLS = 34  # squared, of robots of 5 cm with a gap of 8.3 mm
 SECONDS = (3.0, 5.0, 9.0, 5.5, 3.9, 6.5, 11.0, 7.9)  # by kind
-MOVES = ObservedMoves(
-    "", 0,
-    tuple(
+
+
+def lasting(*seconds, **options):
+    """A move of every kind, heading east or north-east first."""
+    moves = [
         Move(k // 4, (k // 4 + k) % 4, NO_DIRECTION, 1, k // 4, 0.5, s, 0, 0, 0, 0)
-        for k, s in enumerate(SECONDS)
-    ),
-    rl_step_s=0.1,
-    through=True,
-)  # fmt: skip
+        for k, s in enumerate(seconds)
+    ]
+    return ObservedMoves("", 0, tuple(moves), **options)
+
+
+MOVES = lasting(*SECONDS, rl_step_s=0.1, through=True)
 STEPS = DIRECTIONS.tolist()
 MEAN_S = mean_seconds(MOVES).tolist()
 PROCESS = ProcessConfig(features=("x", "y", "h", "p"))
@@ -90,10 +98,15 @@ def least_time(state):
     return np.inf
 
 
+def observe(scenario, cells, directions, goals=None):
+    cells = np.array(cells)
+    none = np.zeros(len(cells), dtype=np.int64)
+    goals = cells if goals is None else np.array(goals)
+    return Observation(cells, none, none, np.array(directions), np.array(scenario.targets), goals)
+
+
 def seen(state):
-    cells, axes = np.array([cell[:2] for cell in state]), np.array([cell[2] for cell in state])
-    none = np.zeros(2, dtype=np.int64)
-    return Observation(cells, none, none, axes, np.array(BOARD.targets))
+    return observe(BOARD, [cell[:2] for cell in state], [cell[2] for cell in state])
 
 
 @pytest.mark.parametrize("state", [((8, 1, 2), (0, 7, 2)), ((7, 4, 1), (2, 3, 3))])
@@ -186,3 +199,83 @@ def test_directions_that_fail_have_no_value_in_recordings_and_states_off_the_boa
     assert np.isnan(shown).any()
     with pytest.raises(ValueError, match="off the board"):
         policy.q_values(seen(((9, 1, 2), (0, 7, 2))))
+
+
+PAIRS = ProcessConfig(features=("x", "y", "h", "p"))
+
+
+def config(scenario, method):
+    joint = method == "fastest" and scenario.robots == 2
+    process = PAIRS if joint else ProcessConfig(features=("x", "y", "h"))
+    moves = msgspec.structs.replace(MOVES, cell_m=scenario.cell_m)
+    return PolicyConfig(scenario, process, LearningConfig(), Seed(0), moves, method=method)
+
+
+def made(given):
+    compute = METHODS[given.method].compute
+    assert compute is not None
+    return compute(given)
+
+
+def near(gap):
+    targets = (2, 2), (2 + gap[0], 2 + gap[1])
+    return replace(BOARD, name="near", targets=targets, starts=(((0, 7),), ((8, 8), (8, 0))))
+
+
+@pytest.mark.parametrize("method", ["fastest", "planned"])
+@pytest.mark.parametrize("gap", [(5, 1), (5, 2), (5, 3), (4, 4)])
+def test_robots_park_at_targets_that_are_near(gap, method):
+    policy = made(config(near(gap), method))
+    assert policy.evaluate().rate(Outcome.SUCCESS) == 1.0
+
+
+def test_training_counts_no_contact_where_robots_park():
+    for gap, contact_cells in (((5, 1), 0.5 * (5 + np.hypot(5, 1))), ((6, 0), 5.2)):
+        process = ProcessConfig(features=("x", "y", "d", "g", "b"))
+        model = move_model(PolicyConfig(near(gap), process, LearningConfig(), Seed(0), MOVES))
+        assert model is not None
+        assert np.sqrt(model.contact_cells) == pytest.approx(contact_cells)
+
+
+@pytest.mark.parametrize(("diameter_m", "cell_m"), [(0.05, 0.01), (0.07, 0.01), (0.05, 0.02)])
+def test_clearances_follow_diameter_and_cells(diameter_m, cell_m):
+    scenario = Scenario(
+        "sizes", "", ((0, 0), (9, 9)), (((9, 0),), ((0, 9),)), columns=10, rows=10,
+        zone=(0, 0, 0, 0), robot_diameter_m=diameter_m, cell_m=cell_m,
+    )  # fmt: skip
+    process = build_process(scenario, PAIRS)
+    kept_m = PairPolicy.computed(config(scenario, "fastest")).times.board.kept ** 0.5 * cell_m
+    assert kept_m == pytest.approx(diameter_m + 0.0083)
+    assert board_of(process, MOVES).kept ** 0.5 * cell_m == pytest.approx(kept_m)
+
+
+@pytest.mark.parametrize("method", ["fastest", "planned", None])
+@pytest.mark.parametrize("robots", [1, 2])
+def test_targets_that_cannot_be_reached_are_refused(robots, method):
+    board = Scenario(
+        "walled", "", ((24, 10), (3, 3))[:robots], (((5, 7), (20, 8)), ((5, 16),))[:robots],
+        30, 20, obstacles=tuple((14, y) for y in range(20)),
+    )  # fmt: skip
+    with pytest.raises(UserError, match="there is no path to"):
+        if method is None:
+            learn(PolicyConfig(board, ProcessConfig(), LearningConfig(episodes=1), Seed(0)))
+        else:
+            made(config(board, method))
+
+
+def test_first_moves_of_plans_keep_the_gap():
+    """The lines of two moves that begin at once, which may begin and end at any time."""
+    board = replace(BOARD, name="wide", targets=((1, 1), (14, 14)), columns=16, rows=16)
+    policy, rng = GroupPolicy.computed(config(board, "planned")), np.random.default_rng(0)
+    share, apart = np.linspace(0.0, 1.0, 101)[:, None], []
+    for cells in rng.integers(16, size=(400, 2, 2)):
+        if not 5.83 <= math.dist(*cells) < 9.0 or (cells == board.targets).all(axis=1).any():
+            continue
+        asked = observe(board, cells, [0, 0])
+        if policy.q_values(asked).max(axis=1).min() > -1e4:  # both have a plan
+            steps = DIRECTIONS[policy.act(asked).action]
+            first, second = cells[:, None] + share * steps[:, None]
+            apart.append(np.linalg.norm(first[:, None] - second, axis=2).min())
+    nearest, *others = sorted(apart)
+    assert nearest > 0.8**0.5 * 5.83  # there is no other plan
+    assert others[:5] == pytest.approx([34**0.5] * 5)

@@ -6,23 +6,14 @@ import msgspec
 import pytest
 
 from agent.study import engine
+from agent.study.options import AXES, Work
 from agent.study.report import Report
 from agent.study.store import EpisodeStore
-from agent.study.studies import (
-    AXES,
-    OF_WORLDS,
-    TransferReport,
-    goals,
-    robustness,
-    transfer,
-    worlds_of,
-)
-from agent.study.studies import markdown as transfer_text
+from agent.study.studies import TransferReport, goals, robustness, transfer, worlds_of
 from cosim.base.errors import UserError
-from cosim.base.table import markdown
 from cosim.model.scenario_file import ROUGH, find_scenario, in_world, read_world
 from cosim.model.world import IDEAL, World
-from minirobots.commands.policies import Robustness, Transfer
+from minirobots.commands.policies import Evaluate, Robustness, Transfer
 
 BOARD = """
 columns = 14
@@ -42,12 +33,13 @@ def board(tmp_path_factory) -> Path:
 
 
 def quick_table(board: Path, out: Path, **options) -> TransferReport:
-    return transfer(out, scenarios=(str(board),), methods=("paper",), quick=True, **options)
+    few = {"scenarios": (str(board),), "methods": ("paper",), "quick": True}
+    return transfer(out, Work(**options), **few)
 
 
 def measure_worlds(board: Path, out: Path) -> Report:
     few = {"scenario": str(board), "methods": ("paper",), "episodes": 1}
-    return robustness(out, read_world(ROUGH), axes=("nothing", "delay"), **few)
+    return robustness(out, Work(), read_world(ROUGH), axes=("nothing", "delay"), **few)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +73,7 @@ def test_table_is_written_and_not_made_again(table, board, monkeypatch):
     monkeypatch.setattr(EpisodeStore, "keep", lambda *_: pytest.fail("simulated again"))
     assert quick_table(board, out) == table
     text = (out / "transfer.md").read_text()
-    assert text == transfer_text(table) + "\n"
+    assert text == table.to_markdown() + "\n"
     assert "| near | paper | 0.15 | off | 2 | 100.0% [34.2, 100.0] |" in text
     assert (out / "policies" / "near-paper.npz").is_file()
 
@@ -91,7 +83,7 @@ def test_budget_leaves_a_table_of_what_is_there(board, tmp_path):
     table = quick_table(board, tmp_path, budget_minutes=0.0)
     assert not table.complete
     assert [row.episodes for row in table.rows] == [0, 0]
-    assert "| 0 of 2 | – |" in transfer_text(table)
+    assert "| 0 of 2 | – |" in table.to_markdown()
 
 
 @pytest.mark.long
@@ -134,7 +126,7 @@ def test_rows_are_methods_in_worlds(worlds, board, monkeypatch):
         assert row.success_low < row.success_high
     out = board.parent / "worlds"
     assert msgspec.json.decode((out / "robustness.json").read_bytes(), type=Report)
-    text = markdown(OF_WORLDS, worlds.rows)
+    text = worlds.to_markdown()
     assert (out / "robustness.md").read_text() == text + "\n"
     assert len(text.splitlines()) == 2 + len(worlds.rows)
     assert (out / "robustness.png").stat().st_size > 10_000
@@ -154,7 +146,7 @@ def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
     monkeypatch.setattr(engine, "EPISODES", engine.EPISODES._replace(compute=count))
     few = {"scenario": str(board), "methods": ("paper",), "episodes": 2}
     axes = ("friction", "everything")
-    report = robustness(board.parent / "same", World(mu=0.1), axes=axes, **few)
+    report = robustness(board.parent / "same", Work(), World(mu=0.1), axes=axes, **few)
     assert len(report.rows) > len({row.digest for row in report.rows})
     assert counts == [2 * len({row.digest for row in report.rows})]
 
@@ -162,6 +154,9 @@ def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
 @pytest.mark.parametrize(
     ("command", "options", "message"),
     [
+        (Evaluate, {"starts": "many"}, "--starts many is neither 'all' nor a positive number"),
+        (Evaluate, {"starts": "0"}, "--starts 0 is neither"),
+        (Evaluate, {"recordings": -1}, "recordings = -1 is invalid: expected int >= 0"),
         (Transfer, {"budget_minutes": -1.0}, "budget_minutes = -1.0 is invalid"),
         (Transfer, {"scenarios": ("7",)}, "unknown scenario '7'"),
         (Transfer, {"scenarios": ("4", "4")}, "--scenarios has two of one name"),

@@ -192,58 +192,37 @@ def test_a_file_has_nothing_of_the_command(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("policies", "message"),
+    ("call", "policies", "options", "message"),
     [
-        (Stubborn, "has no act"),
-        ([Stubborn(), Stubborn()], "have equal names"),
-        ([], "need at least one value each"),
-        ("missing:Name", "cannot be imported"),
+        (study, Stubborn, {}, "has no act"),
+        (study, [Stubborn(), Stubborn()], {}, "have equal names"),
+        (study, [], {}, "need at least one value each"),
+        (study, "missing:Name", {}, "cannot be imported"),
+        (study, "moves", {"scenario": None}, "needs a scenario; name one"),
+        (study, Stubborn(), {"scenario": None}, "needs a scenario; name one"),
+        (study, Stubborn(), {"mu": []}, "need at least one value each"),
+        (study, Stubborn(), {"friction": 0.1}, "study: option friction is unknown"),
+        (study, Stubborn(), {"episodes": 0}, "episodes = 0 is invalid"),
+        (study, Stubborn(), {"out": 5}, "out = 5 is invalid"),
+        (study, Stubborn(), {"jobs": "x"}, "jobs = 'x' is invalid"),
+        (study, Stubborn(), {"backend": "x"}, "backend = 'x' is unknown"),
+        (study, Stubborn(), {"budget_minutes": -1}, "budget_minutes = -1 is invalid"),
+        (study, Stubborn(), {"budget_minutes": np.nan}, "budget_minutes = nan is invalid"),
+        (study, Stubborn(), {"mu": np.ma.masked_equal([0.1, 0.15], 0.1)}, "has a masked value"),
+        (study, Stubborn(), {"mu": [np.ma.masked, 0.15]}, r"mu = .* has a masked value"),
+        (study, Stubborn(), {"mu": np.ma.masked}, r"mu = .* has a masked value"),
+        (evaluate, Stubborn(), {"starts": 0}, "starts = 0"),
+        (evaluate, Stubborn(), {"starts": 1.5}, "starts = 1.5"),
+        (evaluate, Stubborn(), {"starts": "all"}, "starts = 'all'"),
+        (evaluate, Stubborn(), {"starts": 99}, "only 4 starts"),
+        (evaluate, Stubborn(), {"episodes": 3}, "evaluate has no option episodes"),
+        (evaluate, Stubborn(), {"mu": [0.1, 0.2]}, "evaluate takes one value"),
+        (evaluate, Stubborn(), {"mu": np.array([0.1, 0.2])}, "evaluate takes one value"),
     ],
 )
-def test_mistakes_of_policies_are_named(policies, message):
+def test_mistakes_are_named(call, policies, options, message):
     with pytest.raises(UserError, match=message):
-        study(policies, NEAR)
-    for unplaced in ("moves", Stubborn()):
-        with pytest.raises(UserError, match="needs a scenario; name one"):
-            study(unplaced)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"mu": []}, "need at least one value each"),
-        ({"friction": 0.1}, "study: option friction is unknown"),
-        ({"episodes": 0}, "must be at least 1"),
-        ({"out": 5}, "out = 5 is invalid"),
-        ({"jobs": "x"}, "jobs = 'x' is invalid"),
-        ({"backend": "x"}, "backend = 'x' is unknown"),
-        ({"budget_minutes": -1}, "budget_minutes = -1 is invalid"),
-        ({"budget_minutes": np.nan}, "budget_minutes = nan is invalid"),
-        ({"mu": np.ma.masked_equal([0.1, 0.15], 0.1)}, r"mu = .* has a masked value"),
-        ({"mu": [np.ma.masked, 0.15]}, r"mu = .* has a masked value"),
-        ({"mu": np.ma.masked}, r"mu = .* has a masked value"),
-    ],
-)
-def test_mistakes_of_options_are_named(options, message):
-    with pytest.raises(UserError, match=message):
-        study(Stubborn(), NEAR, **options)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"starts": 0}, "starts = 0"),
-        ({"starts": 1.5}, "starts = 1.5"),
-        ({"starts": "all"}, "starts = 'all'"),
-        ({"starts": 99}, "only 4 starts"),
-        ({"episodes": 3}, "evaluate has no option episodes"),
-        ({"mu": [0.1, 0.2]}, "evaluate takes one value"),
-        ({"mu": np.array([0.1, 0.2])}, "evaluate takes one value"),
-    ],
-)
-def test_evaluate_takes_one_value_of_each_and_starts_that_exist(options, message):
-    with pytest.raises(UserError, match=message):
-        evaluate(Stubborn(), NEAR, **options)
+        call(policies, **{"scenario": NEAR, **options})
 
 
 @pytest.mark.parametrize("of_numpy", [np.asarray, list, lambda n: list(n.astype(np.float32))])

@@ -11,7 +11,7 @@ import pytest
 
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import evaluate, joint_starts
-from agent.mdp.readings import build_process
+from agent.mdp.interpretations import build_process
 from agent.study.grid import grid_row
 from agent.training.learning import build_learning, initial_state
 from agent.training.loop import move_model, training_log

@@ -20,18 +20,20 @@ def test_given_fields_override_defaults(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (None, "no such settings file"),
-        ("[proces]\n", "unknown table 'proces'"),
-        ("[process]\nslip = 1\n", "unknown field process.slip"),
+        ("[proces]\n", "table proces is unknown"),
+        ("[process]\nslip = 1\n", "process.slip is unknown"),
         ('[learning]\neta = "big"\n', "learning: eta = .*xpected float, got str"),
         ("[learning]\neta = 2.0\n", "eta = 2.0 is invalid: expected float <= 1.0"),
+        ("[learning]\neta = 0.0\n", "eta = 0.0 is invalid"),
+        ("[learning]\ngamma = 1.1\n", "gamma = 1.1 is invalid"),
+        ("[learning]\nepisodes = 0\n", "episodes = 0 is invalid"),
+        ("[learning]\nepsilon = -1.0\n", "epsilon = -1.0 is invalid"),
         ('[process]\nfeatures = ["q"]\n', r"process: features\[0\] = 'q' is unknown"),
         ("[process\n", "not a TOML file"),
     ],
 )
 def test_wrong_files_are_refused(tmp_path, text, message):
     path = tmp_path / "s.toml"
-    if text is not None:
-        path.write_text(text)
+    path.write_text(text)
     with pytest.raises(UserError, match=message):
         read_settings(path)

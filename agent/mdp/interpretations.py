@@ -1,7 +1,7 @@
 """The decision process of Sections III and V as data: terrain, reward and state tables.
 
-`build_process` turns a scenario and a `ProcessConfig`, which names the readings that the paper
-leaves open, into the arrays that the kernels of `agent.mdp.grid` walk on. No dynamics here.
+`build_process` turns a scenario and a `ProcessConfig`, the interpretations of what the paper leaves
+open, into the arrays that the kernels of `agent.mdp.grid` walk on. No dynamics here.
 """
 
 import math
@@ -30,58 +30,43 @@ MAX_STATES = 2**25  # of all robots together: 1 GB of tables
 
 
 class Process(NamedTuple):
-    """The decision process of one scenario, for the kernels.
+    """The decision process of one scenario, for the kernels."""
 
-    Attributes:
-        terrain: (N, columns + 2, rows + 2) uint8, FREE, GOAL, OUTSIDE, OBSTACLE or FORBIDDEN as
-            robot i sees cell (x, y) at [i, x + 1, y + 1]; the rim is OUTSIDE. In the middle of an
-            OBSTACLE cell a robot would touch an obstacle; no centre of a robot may be anywhere in a
-            FORBIDDEN one: another robot's target, or the zone if that is an obstacle.
-        corners: (columns + 1, rows + 1) bool, whether a robot over the lower left corner of a cell
-            touches an obstacle: the middle of a diagonal move, looked at if contact is swept.
-        walls: (M, 4) float64, obstacles as rectangles left, bottom, right, top in cells.
-        squared_radius: of a robot, in cells².
-        cell_m: edge of a cell.
-        start_cells: (K, 2) int64, start cells of all robots, one robot after the other.
-        start_offsets: N + 1 integers, robot i starts in rows start_offsets[i] to [i + 1]; a tuple,
-            so that the number of robots is a constant for the compiler.
-        thresholds: squared distances of Eq. (9) in cells².
-        move_reward: (2, 2, D² + 1) float32, Eq. (11): reward of a move that ends nothing, at
-            [diagonal, approaching, squared distance in cells², at most D²].
-        goal_reward: float32, L.
-        strides: seven integers, state index = x·s₀ + y·s₁ + d·s₂ + (g + 1)·s₃ + b·s₄ + h·s₅ + p·s₆.
-        state_count: number of states of one robot's table.
-        bearings: (2 columns + 3, 2 rows + 3) uint8, direction of another robot at offset (dx, dy),
-            negative offsets counting from the end.
-        swept: whether contact is checked along the moves.
-        slip_threshold: `agent.mdp.rng.probability_threshold` of the slip probability.
-        step_limit: moves after which an episode is cut.
-        partner_update: index into `PARTNER_UPDATES`.
-        reward_per: index into `REWARDS_PER`.
-    """
-
+    # (N, columns + 2, rows + 2) uint8, FREE, GOAL, OUTSIDE, OBSTACLE or FORBIDDEN as robot i sees
+    # cell (x, y) at [i, x + 1, y + 1]; the rim is OUTSIDE. In the middle of an OBSTACLE cell a
+    # robot would touch an obstacle; no centre of a robot may be anywhere in a FORBIDDEN one:
+    # another robot's target, or the zone if that is an obstacle
     terrain: np.ndarray
+    # (columns + 1, rows + 1) bool, whether a robot over the lower left corner of a cell touches an
+    # obstacle: the middle of a diagonal move, used if contact is swept
     corners: np.ndarray
-    walls: np.ndarray
-    squared_radius: float
-    cell_m: float
-    start_cells: np.ndarray
+    walls: np.ndarray  # (M, 4) float64, obstacles as rectangles left, bottom, right, top in cells
+    squared_radius: float  # of a robot, in cells²
+    cell_m: float  # edge of a cell
+    start_cells: np.ndarray  # (K, 2) int64, of all robots, one robot after the other
+    # N + 1 integers, robot i starts in rows start_offsets[i] to [i + 1]; a tuple, so that the
+    # number of robots is a constant for the compiler
     start_offsets: tuple[int, ...]
-    thresholds: DistanceThresholds
+    thresholds: DistanceThresholds  # squared distances of Eq. (9) in cells²
+    # (2, 2, D² + 1) float32, Eq. (11): reward of a move that ends nothing, at [diagonal,
+    # approaching, squared distance in cells², at most D²]
     move_reward: np.ndarray
-    goal_reward: np.float32
+    goal_reward: np.float32  # L
+    # Seven integers, state index = x·s₀ + y·s₁ + d·s₂ + (g + 1)·s₃ + b·s₄ + h·s₅ + p·s₆
     strides: tuple[int, ...]
-    state_count: int
+    state_count: int  # number of states of one robot's table
+    # (2 columns + 3, 2 rows + 3) uint8, direction of another robot at offset (dx, dy), negative
+    # offsets counting from the end
     bearings: np.ndarray
-    swept: bool
-    slip_threshold: np.uint64
-    step_limit: int
-    partner_update: int
-    reward_per: int
+    swept: bool  # whether contact is checked along the moves
+    slip_threshold: np.uint64  # `agent.mdp.rng.probability_threshold` of the slip probability
+    step_limit: int  # moves after which an episode is cut
+    partner_update: int  # index into `PARTNER_UPDATES`
+    reward_per: int  # index into `REWARDS_PER`
 
 
 def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
-    """Tables of the decision process of a scenario under the given readings."""
+    """Tables of the decision process of a scenario under the given interpretations."""
     thresholds = distance_thresholds(scenario)
     terrain = np.stack(
         [
