@@ -13,9 +13,9 @@ from agent.envs.navigation import RobotsVectorEnv
 from agent.moves.worlds import draw_world
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
+from cosim.model.config import CoSimConfig
 from cosim.model.outcome import OUT_OF_BOARD, SUCCESS, TIMEOUT
 from cosim.model.params import STEERING
-from cosim.model.world import World
 
 AHEAD = np.array([1.0, 0.0])
 
@@ -123,8 +123,12 @@ def test_a_range_draws_what_it_names_and_nothing_else():
         agent.envs.WorldRange(friction=(0.1, 0.2))  # pyright: ignore[reportCallIssue]
     ranges = agent.envs.WorldRange(mu=(0.1, 0.12))
     assert copy.deepcopy(ranges) == pickle.loads(pickle.dumps(ranges)) == ranges
-    world = draw_world(ranges, 30, 15, np.random.default_rng(0))
-    assert world == World(mu=world.mu)
+    drawn = CoSimConfig().in_world(draw_world(ranges, 30, 15, np.random.default_rng(0)))
+    others, usual = (
+        [leaf.value for leaf in config.leaves().values() if leaf.path.startswith("world.")]
+        for config in (drawn, CoSimConfig())
+    )
+    assert others == usual
     env = DriveVectorEnv(3, worlds=ranges, context=True)
     worlds = env.reset(seed=0)[0][:, 13:]
     assert len({*worlds[:, 0].tolist()}) == 3

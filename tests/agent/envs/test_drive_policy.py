@@ -62,12 +62,12 @@ def test_its_observations_and_set_points_are_those_of_the_environment():
         return towards(observations)
 
     policy = DrivePolicy(predict, control_interval=0.5)
-    mr.simulate("1a", policy, time_limit=5, progress=None)
+    mr.simulate("1a", policy, time_limit=5, noise=0.0, progress=None)
     x, y = 0.3 * rows[0][4:6]
     (target,) = find_scenario("1a").targets
     place = {"starts": [[x, y, math.atan2(*rows[0][2:4])]]}
     place["targets"] = [[0.01 * (cell + 0.5) for cell in target]]
-    env = DriveEnv(control_interval=0.5)
+    env = DriveEnv(control_interval=0.5, noise=0.0)
     observation, _ = env.reset(options=place)
     for row in rows[:8]:
         assert observation == pytest.approx(row, abs=1e-4)
