@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.base.arguments import validate_argument, validate_seed
+from cosim.base.arguments import validate_argument
+from cosim.base.command import Seed
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.model.preset import PAPER
@@ -86,10 +87,8 @@ def train(
         from agent.training.store import find_or_make  # noqa: PLC0415
 
         name = best_method(board) if method is None else method
-        chosen, seed = (
-            find_method(validate_argument("method", name, str | type(name))),
-            validate_seed(seed),
-        )
+        chosen = find_method(validate_argument("method", name, str | type(name)))
+        seed = validate_argument("seed", seed, Seed)
         if seed and chosen.compute is not None:
             raise UserError(
                 f"seed = {seed} has no effect: method {chosen.name} is computed; leave it out, or "

@@ -225,7 +225,7 @@ def find_method(name: "str | Method") -> Method:
     else:
         found = METHODS.get(name) if isinstance(name, str) else name
     if not isinstance(found, Method):
-        raise ConfigError(unknown("method", name, METHODS))
+        raise unknown("method", str(name), METHODS)
     return found
 
 
