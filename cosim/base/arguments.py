@@ -51,7 +51,8 @@ def _fault(name: str, value: Any, kind: inspect.Type, problem: str) -> ConfigErr
         fields = {f.name: f.type for k in kinds for f in getattr(k, "fields", ())}
         value = value[int(index) if index else key]
         field = key or (fields and [*fields][int(index)])  # records may be tuples with names
-        items = [i for k in kinds for i in getattr(k, "item_types", [getattr(k, "item_type", None)])]
+        of_kinds = [getattr(k, "item_types", [getattr(k, "item_type", None)]) for k in kinds]
+        items = [item for items in of_kinds for item in items]
         inside = [fields[field]] if field else [*filter(None, items)][:1]
         kinds = [alternative for item in inside for alternative in _alternatives(item)]
         name += f".{field}" if field else f"[{index}]"
