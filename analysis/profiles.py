@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from agent.training.settings import COMPARED, LearningConfig, MethodName
-from analysis.reading.results import PAIR_EPISODES, SINGLE_EPISODES
+from analysis.reading.results import PAIR_EPISODES, SEQUEL_EPISODES, SINGLE_EPISODES
 from cosim.model.params import TIMING
 from cosim.model.scenario_file import PAPER
 
@@ -37,6 +37,11 @@ class Profile:
     drive_episodes: Mapping[str, int] = field(default_factory=dict)
     episode_limit_s: float = TIMING.episode_limit_s
     transfer_methods: tuple[MethodName, ...] = COMPARED
+
+    def episodes_of(self, experiment: str) -> int:
+        """Return the training episodes of a run of an experiment."""
+        most = SEQUEL_EPISODES if experiment == "sequel" else self.train_episodes
+        return min(self.train_episodes, most)
 
 
 FULL = Profile(

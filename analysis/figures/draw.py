@@ -10,11 +10,11 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from analysis.figures import fig03, fig05, fig07, learning, motor_cycle, paths, schematics
-from analysis.figures import transfer as transfer_figure
-from analysis.figures.style import Drawing, save, use_style, write_caption
+from analysis.figures import fig03, fig05, fig07, learning, motor_cycle, paths, schematics, transfer
+from analysis.figures.style import Caption, Drawing, save, write_caption
 from analysis.reading.results import missing
 from cosim.base.errors import UserError
+from cosim.base.plotting import styled
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing
 
@@ -35,12 +35,13 @@ DRAWN_BY: dict[str, Callable[[Path], Drawing]] = {
     "obstacles": fig05.among_obstacles,
     "path_ratio": learning.path_ratio,
     "sequel": learning.sequel,
-    "transfer": transfer_figure.make,
+    "transfer": transfer.make,
 }
 # Of a page of the docs; such a picture takes well under 150 kB.
 SMALL_WIDTH_PX = 900
 
 
+@styled
 def draw_figures(
     names: Iterable[str],
     results: Path,
@@ -59,14 +60,12 @@ def draw_figures(
     Returns:
         Files written, by figure, and why the other figures could not be drawn.
     """
-    use_style()
     drawn: dict[str, list[Path]] = {}
     lacking: dict[str, str] = {}
     wanted = list(dict.fromkeys(names))
     for number, name in enumerate(wanted):
         progress("drawing figures", number, len(wanted), name)
-        needed = missing(name, results)
-        if needed:
+        if needed := missing(name, results):
             commands = "; ".join(f"`{result.command(results)}`" for result in needed)
             lacking[name] = f"run {commands} first"
             continue
@@ -75,17 +74,15 @@ def draw_figures(
         except UserError as error:
             lacking[name] = str(error)
             continue
-        drawn[name] = _write(name, drawing, out, small)
-        plt.close(drawing.figure)
+        figure, picture = drawing.figure, out / f"{name}.png"
+        if small:
+            dpi = SMALL_WIDTH_PX / figure.get_figwidth()
+            with replacing(picture) as temporary:
+                figure.savefig(temporary, dpi=dpi, pil_kwargs={"optimize": True})
+            drawn[name] = [picture]
+        else:
+            written = save(figure, picture)
+            drawn[name] = [*written, write_caption(Caption.of(name, drawing), out)]
+        plt.close(figure)
     progress("drawing figures", len(wanted), len(wanted))
     return drawn, lacking
-
-
-def _write(name: str, drawing: Drawing, out: Path, small: bool) -> list[Path]:
-    picture = out / f"{name}.png"
-    if small:
-        dpi = SMALL_WIDTH_PX / drawing.figure.get_figwidth()
-        with replacing(picture) as temporary:
-            drawing.figure.savefig(temporary, dpi=dpi, pil_kwargs={"optimize": True})
-        return [picture]
-    return [*save(drawing.figure, picture), write_caption(drawing.caption, out)]

@@ -1,9 +1,9 @@
 """Figures 8, 10, 11 and `sequel`: learning curves of experiments; path lengths next to bounds."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -11,13 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
-from agent.evaluation.statistics import interval_text, mean_intervals
+from agent.evaluation.statistics import Statistics, interval_text, mean_intervals
 from agent.experiments.results import ExperimentResult, VariantResult
 from agent.training.loop import TrainingLog
 from agent.training.runs import policy_paths
 from agent.training.store import LOG_FILE
-from analysis.figures.style import WIDTH_IN, Caption, Claim, Drawing, verdict, verdicts
-from analysis.reading.results import FIGURES, RESULTS, read_experiment
+from analysis.figures.style import WIDTH_IN, Drawing, verdict, verdicts
+from analysis.reading.results import RESULTS, figure_entries, read_experiment
 from cosim.base.errors import UserError
 from cosim.base.plotting import BLUE, GREY, VERMILION
 
@@ -31,30 +31,6 @@ _CURVES = (
     "Upper row: mean over the last 100 episodes, exploring; lower row: the greedy policy at that "
     f"time from every start; {_SPREAD}"
 )
-
-# Title and claim of the paper, by figure.
-_LEARNING = {
-    "fig08": (
-        f"Success rate and path length of one robot over episodes, scenarios 1a and 1b. {_CURVES}",
-        "in both scenarios the optimal policy is achieved quickly.",
-    ),
-    "fig10": (
-        f"Success rate and path length of a pair for values of c in Eq. (12), scenario 4. "
-        f"{_CURVES}",
-        "better results are obtained when c = 1.5.",
-    ),
-    "fig11": (
-        f"Success rate and path length of pairs over episodes, scenarios 2, 3 and 4. {_CURVES}",
-        "both robots learn to reach their targets without colliding, also where the targets make "
-        "the scenario harder.",
-    ),
-    "sequel": (
-        "Success rate and path length of groups of robots over episodes: the greedy policy at that "
-        f"time from drawn starts; {_SPREAD}",
-        "double Q-learning offers a more stable and reliable learning process (the sequel, "
-        "doi 10.1080/01691864.2020.1757507).",
-    ),
-}
 
 
 @dataclass(frozen=True)
@@ -173,94 +149,85 @@ def draw_learning_curves(variants: dict[str, VariantCurves]) -> Figure:
 
 def fig10(results: Path) -> Drawing:
     """Draw the effect of the coefficient c of Eq. (12)."""
-    drawing = learning_figure("fig10", results)
-    drawing, found, better = _compared(drawing, results, "path_length_cm", 1.0, " cm")
-    paper = "Fig. 10: “better results are obtained when c = 1.5”"
-    ours = f"difference of paths to those of c = 1.5: {found}"
-    return _with_claim(drawing, Claim(paper, ours, verdict(better)))
+    content = read_experiment("fig10", results)
+    differences = _differences(content, "path_length_cm", 1.0, " cm")
+    ours = f"difference of paths to those of c = 1.5: {differences.text}"
+    return _learning_figure(content, results, (ours, verdict(differences.above)), differences)
 
 
 def sequel(results: Path) -> Drawing:
     """Learning curves of groups of four and six robots, by both algorithms of the sequel."""
-    drawing = learning_figure("sequel", results, draw_by_scenario)
-    drawing, found, stable = _compared(drawing, results, "success", 100.0, " %")
     content = read_experiment("sequel", results)
+    differences = _differences(content, "success", 100.0, " %")
     rates = [v.over_runs["success"].mean or 0.0 for v in content.variants.values()]
-    paper = "The sequel: “efficient” learning of four robots; double Q “more stable”"
     ours = (
         f"{100.0 * min(rates):.0f} to {100.0 * max(rates):.0f} % of starts after "
-        f"{content.episodes:,} episodes; differences: {found}"
+        f"{content.episodes:,} episodes; differences: {differences.text}"
     )
-    return _with_claim(drawing, Claim(paper, ours, verdict(stable and min(rates) >= LEARNT)))
-
-
-def _compared(
-    drawing: Drawing, results: Path, measure: str, factor: float, unit: str
-) -> tuple[Drawing, str, bool | None]:
-    """Add to the caption how the variants differ from their references in a measure.
-
-    Returns:
-        The drawing, the differences as text, and whether all are above 0, None if one of them has
-        no interval.
-    """
-    content = read_experiment(drawing.caption.figure, results)
-    found = {name: measures[measure] for name, measures in content.differences.items()}
-    parts = "; ".join(
-        f"{content.variants[name].label} {interval_text(difference, 2, factor, unit)}"
-        for name, difference in found.items()
-    )
-    what = measure.removesuffix("_cm").replace("_", " ")
-    text = f"Difference in {what} from the reference, run by run: {parts}."
-    numbers = {f"{name}_{measure}_difference": difference for name, difference in found.items()}
-    caption = drawing.caption
-    caption = replace(caption, ours=(*caption.ours, text), numbers=dict(caption.numbers) | numbers)
-    lows = [difference.low for difference in found.values()]
-    above = None if None in lows else all(low > 0.0 for low in lows if low is not None)
-    return drawing._replace(caption=caption), parts, above
-
-
-def _with_claim(drawing: Drawing, claim: Claim) -> Drawing:
-    return drawing._replace(caption=replace(drawing.caption, claims=(claim,)))
+    judged = ours, verdict(differences.above and min(rates) >= LEARNT)
+    return _learning_figure(content, results, judged, differences, draw_by_scenario)
 
 
 def learned(figure: str, results: Path) -> Drawing:
     """Learning curves of Fig. 8 or 11, with what the paper claims of them."""
-    drawing, content = learning_figure(figure, results), read_experiment(figure, results)
-    ours, learnt = [], {}
+    content, single = read_experiment(figure, results), figure == "fig08"
+    ours, learnt = [], True
     for variant in content.variants.values():
-        runs = [run.success == 1.0 for run in variant.runs]
-        low, high = binomtest(sum(runs), len(runs)).proportion_ci()
-        learnt[variant.scenario] = all(runs)
-        text = f"{variant.scenario}: 100 % of all starts in {sum(runs)} of {len(runs)} runs"
+        succeeded, runs = sum(run.success == 1.0 for run in variant.runs), len(variant.runs)
+        low, high = binomtest(succeeded, runs).proportion_ci()
+        learnt &= succeeded == runs
+        text = f"{variant.scenario}: 100 % of all starts in {succeeded} of {runs} runs"
         text += f" [{100.0 * low:.1f}, {100.0 * high:.1f}]"
-        if figure == "fig08":
+        if single:
             text += f", {interval_text(variant.over_runs['steps'])} moves, path "
             text += f"{interval_text(variant.over_runs['ratio_to_bound'], 3)} of the shortest"
         ours.append(text)
-    if figure == "fig08":
-        holds = {
-            f"in {what}": all(learnt.values())
-            and all((v.over_runs[of].mean or np.inf) < OPTIMAL for v in content.variants.values())
-            for what, of in (("moves", "steps_ratio_to_bound"), ("centimetres", "ratio_to_bound"))
-        }
-        paper, found = (
-            "Fig. 8: one robot, “the optimal policy is achieved quickly”",
-            verdicts(holds),
+    found = f"{verdict(learnt)} on the grid"
+    if single:
+        measures = {"in moves": "steps_ratio_to_bound", "in centimetres": "ratio_to_bound"}
+        over_runs = [variant.over_runs for variant in content.variants.values()]
+        found = verdicts(
+            {
+                where: learnt and all((over[name].mean or np.inf) < OPTIMAL for over in over_runs)
+                for where, name in measures.items()
+            }
         )
-    else:
-        paper = "Fig. 11: pairs learn to reach their targets"
-        found = f"{verdict(all(learnt.values()))} on the grid"
-    return _with_claim(drawing, Claim(paper, "; ".join(ours), found))
+    return _learning_figure(content, results, ("; ".join(ours), found))
 
 
-def learning_figure(
-    figure: str,
+class _Differences(NamedTuple):
+    """Differences of variants from their references in a measure.
+
+    Attributes:
+        above: whether all are above 0; None if one of them has no interval.
+    """
+
+    name: str
+    by_variant: dict[str, Statistics]
+    text: str
+    above: bool | None
+
+
+def _differences(content: ExperimentResult, measure: str, factor: float, unit: str) -> _Differences:
+    found = {name: measures[measure] for name, measures in content.differences.items()}
+    text = "; ".join(
+        f"{content.variants[name].label} {interval_text(difference, 2, factor, unit)}"
+        for name, difference in found.items()
+    )
+    lows = [difference.low for difference in found.values()]
+    above = None if None in lows else all(low > 0.0 for low in lows if low is not None)
+    return _Differences(measure, found, text, above)
+
+
+def _learning_figure(
+    content: ExperimentResult,
     results: Path,
+    judged: tuple[str, str],
+    differences: _Differences | None = None,
     draw: Callable[[dict[str, VariantCurves]], Figure] = draw_learning_curves,
 ) -> Drawing:
-    """Learning curves of an experiment: of one robot (fig08), of pairs (fig11) and so on."""
-    content = read_experiment(figure, results)
-    variants = load_variants(RESULTS[figure].location(results), content)
+    """Return the learning curves of an experiment, with a sentence for each variant."""
+    variants = load_variants(RESULTS[content.experiment].location(results), content)
     numbers: dict[str, Any] = {"episodes": content.episodes}
     ours = []
     for name, variant in variants.items():
@@ -268,8 +235,13 @@ def learning_figure(
         numbers[name] = {key: over_runs[key] for key in ("success", "path_length_cm", "steps")}
         numbers[name]["learnt_after_episodes"] = settled_after(variant, LEARNT)
         ours.append(_sentence(variant, numbers[name]))
-    caption = Caption(figure, *_LEARNING[figure], tuple(ours), numbers, FIGURES[figure])
-    return Drawing(draw(variants), caption)
+    if differences:
+        measure, by_variant, text, _ = differences
+        words = measure.removesuffix("_cm").replace("_", " ")
+        ours.append(f"Difference in {words} from the reference, run by run: {text}.")
+        numbers |= {f"{name}_{measure}_difference": of for name, of in by_variant.items()}
+    words = {"curves": _CURVES, "spread": _SPREAD}
+    return Drawing(draw(variants), tuple(ours), numbers, (judged,), words)
 
 
 def _sentence(variant: VariantCurves, numbers: dict[str, Any]) -> str:
@@ -284,46 +256,34 @@ def _sentence(variant: VariantCurves, numbers: dict[str, Any]) -> str:
 def path_ratio(results: Path) -> Drawing:
     """Path length and moves of every run over those of the exact optimum."""
     variants: dict[str, VariantResult] = {}
-    for name in FIGURES["path_ratio"]:
+    for name in figure_entries()["path_ratio"].inputs:
         variants |= read_experiment(name, results).variants
     numbers, ours = {}, []
     for name, variant in variants.items():
-        path, moves = (variant.over_runs[key] for key in ("ratio_to_bound", "steps_ratio_to_bound"))
+        path, moves = (variant.over_runs[key] for key in _RATIOS)
         numbers[name] = {"path_length": path, "moves": moves}
-        ours.append(
-            f"{variant.label}: path {interval_text(path, 3)}, moves {interval_text(moves, 3)}."
-        )
-    caption = Caption(
-        "path_ratio",
-        "Path length (left) and moves (right) of the greedy policies over those of the shortest "
-        "collision-free joint paths; dots: runs; bars: mean and 95 % interval over five runs or "
-        "more",
-        "“optimal” is the shortest path; the paths found are called optimal for one robot and "
-        "sub-optimal for pairs, without a measure.",
-        tuple(ours),
-        numbers,
-        FIGURES["path_ratio"],
-    )
-    return Drawing(_draw_ratios(variants), caption)
+        texts = interval_text(path, 3), interval_text(moves, 3)
+        ours.append(f"{variant.label}: path {texts[0]}, moves {texts[1]}.")
+    return Drawing(_draw_ratios(variants), tuple(ours), numbers)
+
+
+_RATIOS = {
+    "ratio_to_bound": ("path length", BLUE),
+    "steps_ratio_to_bound": ("moves", VERMILION),
+}
 
 
 def _draw_ratios(variants: dict[str, VariantResult]) -> Figure:
     figure, grid = plt.subplots(1, 2, figsize=(WIDTH_IN, 2.8), sharey=True)
-    measures = (
-        ("ratio_to_bound", "path length", BLUE),
-        ("steps_ratio_to_bound", "moves", VERMILION),
-    )
     random = np.random.default_rng(0)  # spreads dots that would hide each other
-    for axes, (key, title, colour) in zip(grid, measures, strict=True):
+    for axes, (key, (title, colour)) in zip(grid, _RATIOS.items(), strict=True):
         for place, variant in enumerate(variants.values()):
             values = [v for run in variant.runs if (v := getattr(run, key)) is not None]
             spread = random.uniform(-0.15, 0.15, len(values))
             axes.plot(place + spread, values, ".", color=GREY, markersize=4, alpha=0.6)
             s = variant.over_runs[key]
-            enough = s.runs >= LEAST_RUNS
-            if enough and s.mean is not None and s.low is not None and s.high is not None:
-                below, above = s.mean - s.low, s.high - s.mean
-                bars = np.maximum([[below], [above]], 0.0)
+            if s.runs >= LEAST_RUNS and None not in (s.mean, s.low, s.high):
+                bars = np.maximum([[s.mean - s.low], [s.high - s.mean]], 0.0)
                 axes.errorbar(place, s.mean, bars, fmt="o", color=colour, capsize=4)
         axes.axhline(1.0, color=GREY, linewidth=0.8)
         axes.set_xticks(range(len(variants)), [v.scenario for v in variants.values()])
