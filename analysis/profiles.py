@@ -17,6 +17,7 @@ class Profile:
         name: for people.
         runs: independent training runs of every variant.
         train_episodes: episodes of a training run.
+        greedy_points: evaluations during such a run.
         drive_episodes: episodes of the training, by method, of the policies that drive the
             co-simulated episodes; by default the number of the method.
         single_episodes, pair_episodes: co-simulated and recorded episodes of every scenario, of
@@ -34,6 +35,7 @@ class Profile:
     pair_episodes: int
     transfer_scenarios: tuple[str, ...]
     transfer_quick: bool
+    greedy_points: int = LearningConfig().greedy_points
     drive_episodes: Mapping[str, int] = field(default_factory=dict)
     episode_limit_s: float = TIMING.episode_limit_s
     transfer_methods: tuple[MethodName, ...] = COMPARED
@@ -59,6 +61,7 @@ QUICK = Profile(
     name="quick",
     runs=2,
     train_episodes=500_000,
+    greedy_points=10,
     drive_episodes={"paper": 1_000_000, "moves": 500_000},
     single_episodes=2,
     pair_episodes=1,

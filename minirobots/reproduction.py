@@ -86,6 +86,7 @@ def command_of(result: Result, results: Path, profile: Profile, seed: int, jobs:
                 "runs": profile.runs,
                 "seed": seed,
                 "episodes": profile.episodes_of(result.of),
+                "greedy_points": profile.greedy_points,
                 "where": Workers(jobs=jobs, backend="loky"),
             }
         case "transfer":
