@@ -1,6 +1,5 @@
 """Fig. 7: the motor in open and closed loop, from a recording of `minirobots motor-test`."""
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +15,6 @@ from analysis.reading.motor_test import LOOPS, Response, read, rise
 from analysis.reading.results import RESULTS
 from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
 from cosim.model.params import TABLE_II, describe, motor_time_constant
-from cosim.recording.reader import read_rrd
 
 COLOURS = {"open_loop": VERMILION, "closed_loop": BLUE}
 # What the right column shows larger: the start, in which the closed loop is at its limit.
@@ -171,8 +169,5 @@ def _gains(motor: Mapping[str, float]) -> str:
 
 def make(results: Path) -> Drawing:
     """Draw the figure of a results folder."""
-    path = RESULTS["motor_test"].location(results)
-    responses = read(path)
-    facts = read_rrd(path).properties.get("motor_test", {})
-    motor = json.loads(facts.get("parameters", "null")) or TABLE_II._asdict()
-    return drawing_of(responses, motor)
+    responses, motor = read(RESULTS["motor_test"].location(results))
+    return drawing_of(responses, motor or TABLE_II._asdict())

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
-from agent.evaluation.statistics import Statistics, interval_text, mean_intervals
+from agent.evaluation.statistics import interval_text, mean_intervals
 from agent.experiments.results import ExperimentResult, VariantResult
 from agent.training.loop import TrainingLog
 from agent.training.runs import policy_paths
@@ -150,27 +150,37 @@ def draw_learning_curves(variants: dict[str, VariantCurves]) -> Figure:
 def fig10(results: Path) -> Drawing:
     """Draw the effect of the coefficient c of Eq. (12)."""
     content = read_experiment("fig10", results)
-    differences = _differences(content, "path_length_cm", 1.0, " cm")
-    ours = f"difference of paths to those of c = 1.5: {differences.text}"
-    return _learning_figure(content, results, (ours, verdict(differences.above)), differences)
+    found, better = _compared(content, "path_length_cm", 1.0, " cm")
+    judged = f"difference of paths to those of c = 1.5: {found}", verdict(better)
+    text = f"Difference in path length from the reference, run by run: {found}."
+    return _learning_figure(content, results, judged, ("path_length_cm", text))
 
 
 def sequel(results: Path) -> Drawing:
     """Learning curves of groups of four and six robots, by both algorithms of the sequel."""
     content = read_experiment("sequel", results)
-    differences = _differences(content, "success", 100.0, " %")
+    found, stable = _compared(content, "success", 100.0, " %")
     rates = [v.over_runs["success"].mean or 0.0 for v in content.variants.values()]
     ours = (
         f"{100.0 * min(rates):.0f} to {100.0 * max(rates):.0f} % of starts after "
-        f"{content.episodes:,} episodes; differences: {differences.text}"
+        f"{content.episodes:,} episodes; differences: {found}"
     )
-    judged = ours, verdict(differences.above and min(rates) >= LEARNT)
-    return _learning_figure(content, results, judged, differences, draw_by_scenario)
+    judged = ours, verdict(stable and min(rates) >= LEARNT)
+    text = f"Difference in success from the reference, run by run: {found}."
+    return _learning_figure(content, results, judged, ("success", text), draw_by_scenario)
 
 
-def learned(figure: str, results: Path) -> Drawing:
-    """Learning curves of Fig. 8 or 11, with what the paper claims of them."""
-    content, single = read_experiment(figure, results), figure == "fig08"
+def fig08(results: Path) -> Drawing:
+    """Learning curves of one robot."""
+    return _learned(read_experiment("fig08", results), results, single=True)
+
+
+def fig11(results: Path) -> Drawing:
+    """Learning curves of pairs."""
+    return _learned(read_experiment("fig11", results), results, single=False)
+
+
+def _learned(content: ExperimentResult, results: Path, *, single: bool) -> Drawing:
     ours, learnt = [], True
     for variant in content.variants.values():
         succeeded, runs = sum(run.success == 1.0 for run in variant.runs), len(variant.runs)
@@ -195,38 +205,35 @@ def learned(figure: str, results: Path) -> Drawing:
     return _learning_figure(content, results, ("; ".join(ours), found))
 
 
-class _Differences(NamedTuple):
-    """Differences of variants from their references in a measure.
+def _compared(
+    content: ExperimentResult, measure: str, factor: float, unit: str
+) -> tuple[str, bool | None]:
+    """Return how variants differ from their references, and whether all are above them.
 
-    Attributes:
-        above: whether all are above 0; None if one of them has no interval.
+    The second is None if a difference has no interval.
     """
-
-    name: str
-    by_variant: dict[str, Statistics]
-    text: str
-    above: bool | None
-
-
-def _differences(content: ExperimentResult, measure: str, factor: float, unit: str) -> _Differences:
     found = {name: measures[measure] for name, measures in content.differences.items()}
     text = "; ".join(
         f"{content.variants[name].label} {interval_text(difference, 2, factor, unit)}"
         for name, difference in found.items()
     )
     lows = [difference.low for difference in found.values()]
-    above = None if None in lows else all(low > 0.0 for low in lows if low is not None)
-    return _Differences(measure, found, text, above)
+    return text, None if None in lows else all(low > 0.0 for low in lows if low is not None)
 
 
 def _learning_figure(
     content: ExperimentResult,
     results: Path,
     judged: tuple[str, str],
-    differences: _Differences | None = None,
+    compared: tuple[str, str] | None = None,
     draw: Callable[[dict[str, VariantCurves]], Figure] = draw_learning_curves,
 ) -> Drawing:
-    """Return the learning curves of an experiment, with a sentence for each variant."""
+    """Return the learning curves of an experiment, with a sentence for each variant.
+
+    Args:
+        judged: see `Drawing`.
+        compared: measure in which variants differ from their references, and what it shows.
+    """
     variants = load_variants(RESULTS[content.experiment].location(results), content)
     numbers: dict[str, Any] = {"episodes": content.episodes}
     ours = []
@@ -235,11 +242,11 @@ def _learning_figure(
         numbers[name] = {key: over_runs[key] for key in ("success", "path_length_cm", "steps")}
         numbers[name]["learnt_after_episodes"] = settled_after(variant, LEARNT)
         ours.append(_sentence(variant, numbers[name]))
-    if differences:
-        measure, by_variant, text, _ = differences
-        words = measure.removesuffix("_cm").replace("_", " ")
-        ours.append(f"Difference in {words} from the reference, run by run: {text}.")
-        numbers |= {f"{name}_{measure}_difference": of for name, of in by_variant.items()}
+    if compared:
+        measure, text = compared
+        ours.append(text)
+        for name, measures in content.differences.items():
+            numbers[f"{name}_{measure}_difference"] = measures[measure]
     words = {"curves": _CURVES, "spread": _SPREAD}
     return Drawing(draw(variants), tuple(ours), numbers, (judged,), words)
 
@@ -264,7 +271,7 @@ def path_ratio(results: Path) -> Drawing:
         numbers[name] = {"path_length": path, "moves": moves}
         texts = interval_text(path, 3), interval_text(moves, 3)
         ours.append(f"{variant.label}: path {texts[0]}, moves {texts[1]}.")
-    return Drawing(_draw_ratios(variants), tuple(ours), numbers)
+    return Drawing(draw_ratios(variants), tuple(ours), numbers)
 
 
 _RATIOS = {
@@ -273,7 +280,8 @@ _RATIOS = {
 }
 
 
-def _draw_ratios(variants: dict[str, VariantResult]) -> Figure:
+def draw_ratios(variants: dict[str, VariantResult]) -> Figure:
+    """Path length and moves over the optimum: a dot for each run, means with intervals."""
     figure, grid = plt.subplots(1, 2, figsize=(WIDTH_IN, 2.8), sharey=True)
     random = np.random.default_rng(0)  # spreads dots that would hide each other
     for axes, (key, (title, colour)) in zip(grid, _RATIOS.items(), strict=True):
@@ -282,9 +290,10 @@ def _draw_ratios(variants: dict[str, VariantResult]) -> Figure:
             spread = random.uniform(-0.15, 0.15, len(values))
             axes.plot(place + spread, values, ".", color=GREY, markersize=4, alpha=0.6)
             s = variant.over_runs[key]
-            if s.runs >= LEAST_RUNS and None not in (s.mean, s.low, s.high):
-                bars = np.maximum([[s.mean - s.low], [s.high - s.mean]], 0.0)
-                axes.errorbar(place, s.mean, bars, fmt="o", color=colour, capsize=4)
+            mean, low, high = (np.nan if v is None else v for v in (s.mean, s.low, s.high))
+            if s.runs >= LEAST_RUNS and np.isfinite(high - low):
+                bars = np.maximum([[mean - low], [high - mean]], 0.0)
+                axes.errorbar(place, mean, bars, fmt="o", color=colour, capsize=4)
         axes.axhline(1.0, color=GREY, linewidth=0.8)
         axes.set_xticks(range(len(variants)), [v.scenario for v in variants.values()])
         axes.set_xlabel("scenario")

@@ -9,6 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from agent.evaluation.rows import Row
+from agent.evaluation.statistics import interval_text
 from agent.study.studies import TransferReport
 from analysis.figures.fig05 import draw_board, robot_colour
 from analysis.figures.style import UNTESTED, WIDTH_IN, Drawing, verdict, verdicts
@@ -57,7 +59,7 @@ def fig09(results: Path) -> Drawing:
         len(DRIVEN_BY), len(SINGLE), figsize=(WIDTH_IN, 7.6), sharex=True, squeeze=False
     )
     for axes, ((name, method), found) in zip(grid.flat, tracks.items(), strict=True):
-        _draw_tracks(axes, find_scenario(name), found)
+        draw_tracks(axes, find_scenario(name), found)
         reached = sum(track.outcome == "success" for track in found)
         axes.set_title(f"{name}, {method}: {reached} of {len(found)} reached", loc="left")
         axes.set_xlabel("x in cm" if axes in grid[-1] else "")
@@ -69,7 +71,7 @@ def fig09(results: Path) -> Drawing:
 def fig12(results: Path) -> Drawing:
     """Draw paths of pairs, a method in each row, and below them the distance of their centres."""
     tracks = _read(results, PAIRS)
-    return _drawing(_draw_pairs(tracks), tracks, _judged(PAIRS, results))
+    return _drawing(draw_pairs(tracks), tracks, _judged(PAIRS, results))
 
 
 def _read(results: Path, scenarios: tuple[str, ...]) -> Tracks:
@@ -82,13 +84,14 @@ def _read(results: Path, scenarios: tuple[str, ...]) -> Tracks:
     }
 
 
-def _draw_pairs(tracks: Tracks) -> Figure:
+def draw_pairs(tracks: Tracks) -> Figure:
+    """Paths of the first episodes, a method in each row, and distances over time below."""
     figure, grid = plt.subplots(
         len(DRIVEN_BY) + 1, len(PAIRS), figsize=(WIDTH_IN, 7.2), squeeze=False,
         height_ratios=[*(3 for _ in DRIVEN_BY), 2],
     )  # fmt: skip
     for axes, ((name, method), found) in zip(grid.flat, tracks.items(), strict=False):
-        _draw_tracks(axes, find_scenario(name), found[:1])
+        draw_tracks(axes, find_scenario(name), found[:1])
         axes.set_title(f"{name}, {method}: {found[0].outcome.replace('_', ' ')}", loc="left")
         axes.set_xlabel("")
         distance = grid[-1, PAIRS.index(name)]
@@ -106,7 +109,7 @@ def _draw_pairs(tracks: Tracks) -> Figure:
     return figure
 
 
-def _draw_tracks(axes: Axes, scenario: Scenario, tracks: list[Track]) -> None:
+def draw_tracks(axes: Axes, scenario: Scenario, tracks: list[Track]) -> None:
     """Draw centres of robots as lines, marks of time as dots, rims at start and end as circles."""
     draw_board(axes, scenario)
     radius_cm = 50.0 * scenario.diameter_m
@@ -128,18 +131,18 @@ def _judged(scenarios: tuple[str, ...], results: Path) -> tuple[str, str]:
 
     The recorded episodes, which are drawn, are few.
     """
-    if not RESULTS["transfer"].exists(results):
-        return "not evaluated: see `minirobots transfer`", UNTESTED
-    report: TransferReport = read_result("transfer", results, TransferReport)
+    rows: tuple[Row, ...] = ()
+    if RESULTS["transfer"].exists(results):
+        rows = read_result("transfer", results, TransferReport).rows
     parts, holds = [], {}
-    for row in report.rows:
+    for row in rows:
         if row.policy == "paper" and row.scenario in scenarios and not row.shield and row.episodes:
             reached = row.episodes - row.failing_starts
-            ends = (
-                f"[{100.0 * (row.success_low or 0.0):.1f}, {100.0 * (row.success_high or 1.0):.1f}]"
-            )
+            _, ends = interval_text(row.interval("success"), 1, 100.0).split(" ", 1)
             parts.append(f"{row.scenario} in {reached} of {row.episodes} {ends}")
             holds[f"in {row.scenario}"] = reached == row.episodes
+    if not parts:
+        return "not evaluated: see `minirobots transfer`", UNTESTED
     return (
         f"driven in the dynamics, without a shield: {', '.join(parts)} episodes",
         verdict(all(holds.values())) if len({*holds.values()}) == 1 else verdicts(holds),

@@ -127,12 +127,14 @@ class FigureEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What `figures.toml` says of a figure, by its name, which is that of its files too.
 
     Attributes:
+        draw: module of `analysis.figures` and function.
         title: what it shows.
         claim: what the paper says or shows; empty if the paper has no such figure.
         claims: of the paper, in short, on which it bears.
         inputs: results that it is drawn from.
     """
 
+    draw: str
     title: str
     claim: str = ""
     claims: tuple[str, ...] = ()

@@ -169,16 +169,6 @@ def timing_table(timings: TimingsFile) -> ReportTable:
     return ReportTable("Time", note, "minirobots reproduce", header, rows)
 
 
-def parameter_table() -> ReportTable:
-    """Parameters of the co-simulation as `cosim.model.params` has them."""
-    rows = []
-    for name, row in CoSimConfig().table().items():
-        value = f"{row['value']:.6g}" if isinstance(row["value"], float) else str(row["value"])
-        rows.append((name, f"{value} {row['unit']}".strip(), row["description"], row["source"]))
-    header = ("name", "value", "meaning", "source")
-    return ReportTable("Parameters", "SI units.", "cosim/model/params.py", header, rows)
-
-
 def write_report(results: Path, figures: Path, out: Path) -> Path:
     """Write the page and what it needs from folders of results and figures, and return it."""
     if not results.is_dir():
@@ -192,13 +182,17 @@ def write_report(results: Path, figures: Path, out: Path) -> Path:
         "brief": brief,
         "pictures": pictures,
         "claims": claims,
+        "labels": {picture["caption"].figure: picture["label"] for picture in pictures},
         "missing": not_drawn(figures, results, timings),
         "tables": list(result_tables(results)),
         "profile": timings and timings.profile,
         "timing": timings and timing_table(timings),
-        "parameters": parameter_table(),
+        "parameters": CoSimConfig().table(),
         "versions": versions(),
-        "facts": _facts(),
+        "board_cm": 100.0 * find_scenario("2").size_m[0],
+        "robot": TABLE_I,
+        "clock": TIMING,
+        "noise": SPEED_NOISE.relative_amplitude,
     }
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("analysis.report"),
@@ -239,17 +233,3 @@ def not_drawn(figures: Path, results: Path, timings: TimingsFile | None) -> dict
             drawing = f"minirobots figures {name} --results results --out figures"
             commands[name] = [*needed, drawing]
     return commands
-
-
-def _facts() -> dict[str, str]:
-    """Numbers in the text and the diagram."""
-    scenario = find_scenario("2")
-    numbers = {
-        "diameter_cm": 100.0 * TABLE_I.diameter_m,
-        "board_cm": 100.0 * scenario.columns * scenario.cell_m,
-        "rl_step_s": TIMING.rl_step_s,
-        "control_ms": 1e3 * TIMING.control_period_s,
-        "dt_us": 1e6 * TIMING.dt_s,
-        "noise_percent": 100.0 * SPEED_NOISE.relative_amplitude,
-    }
-    return {name: f"{number:g}" for name, number in numbers.items()}
