@@ -185,11 +185,12 @@ def test_paths_of_one_robot():
     axes: Any = plt.figure().add_subplot()
     tracks = [track(0, 1, "success"), track(5, 1, "collision")]
     paths.draw_tracks(axes, find_scenario("1a"), tracks)
-    for line, each, style in zip(axes.lines[::2], tracks, "-:", strict=True):
-        np.testing.assert_array_equal(line.get_xydata(), 100.0 * each.positions_m[0])
+    lines = zip(axes.lines[::2], axes.lines[1::2], tracks, "-:", strict=True)
+    for line, marks, each, style in lines:
+        (position,) = each.positions_m
+        np.testing.assert_array_equal(line.get_xydata(), 100.0 * position)
         assert (line.get_linestyle(), line.get_color()) == (style, fig05.robot_colour(0))
-    for line, each in zip(axes.lines[1::2], tracks, strict=True):
-        np.testing.assert_array_equal(line.get_xydata(), 100.0 * each.positions_m[0][[10, 20]])
+        np.testing.assert_array_equal(marks.get_xydata(), 100.0 * position[[10, 20]])
 
 
 def test_paths_and_distances_of_pairs():
@@ -200,46 +201,39 @@ def test_paths_and_distances_of_pairs():
     }
     grid: Any = np.reshape(np.array(paths.draw_pairs(tracks).axes, dtype=object), (3, 3))
     for (name, method), found in tracks.items():
-        column, row = paths.PAIRS.index(name), DRIVEN_BY.index(method)
-        for robot in (0, 1):
-            line = grid[row, column].lines[2 * robot]
-            np.testing.assert_array_equal(line.get_xydata(), 100.0 * found[0].positions_m[robot])
+        boards = grid[:, paths.PAIRS.index(name)]
+        lines = boards[DRIVEN_BY.index(method)].lines[::2]
+        for robot, (line, position) in enumerate(zip(lines, found[0].positions_m, strict=True)):
+            np.testing.assert_array_equal(line.get_xydata(), 100.0 * position)
             assert line.get_color() == fig05.robot_colour(robot)
-        drawn = [
-            each for each in grid[2, column].lines if each.get_linestyle() == paths.STYLES[method]
-        ]
+        drawn = [line for line in boards[2].lines if line.get_linestyle() == paths.STYLES[method]]
         for line, each in zip(drawn, found, strict=False):
             x, y = (each.positions_m[0] - each.positions_m[1]).T
-            np.testing.assert_allclose(
-                line.get_xydata(), np.column_stack([each.times_s, 100.0 * np.hypot(x, y)])
-            )
+            over_time = np.column_stack([each.times_s, 100.0 * np.hypot(x, y)])
+            np.testing.assert_allclose(line.get_xydata(), over_time)
 
 
 def test_a_turn_of_the_motors():
-    theta = np.column_stack([np.linspace(1.0, 7.5, 20), np.linspace(0.0, -6.5, 20)])
-    arrays = {name: made_up(k, (20,)) for k, name in enumerate(Cycle._fields)}
-    arrays |= {
-        "omega": made_up(50, (20, 2), low=1.0),
-        "normal_n": made_up(60, (20, 3)),
-        "theta": theta,
+    sizes = {"omega": (20, 2), "normal_n": (20, 3), "lifted": (20, 3), "slides": (20, 3)}
+    arrays: dict[str, Any] = {
+        name: made_up(k, sizes.get(name, (20,)), 0.1) for k, name in enumerate(Cycle._fields)
     }
-    cycle = Cycle(**{**arrays, "robot": "r1", "apart_rad": 0.1, "impact_n_s": 0.2})
+    arrays["theta"] = np.column_stack([np.linspace(1.0, 7.5, 20), np.linspace(0.0, -6.5, 20)])
+    cycle = Cycle(**arrays | {"robot": "r1", "apart_rad": 0.1, "impact_n_s": 0.2})
     figure: Any = motor_cycle.draw(cycle)
-    force, load, speed, distance = figure.axes
     expected = (
-        (force, {"driving force": cycle.driving_n, "friction": cycle.friction_n}),
-        (load, {f"foot {name}": cycle.normal_n[:, k] for k, name in enumerate("ABC")}),
-        (speed, {f"motor {name}": cycle.omega[:, k] for k, name in enumerate("DE")}),
-        (distance, {distance.lines[0].get_label(): 1e6 * cycle.ahead_m}),
+        {"driving force": cycle.driving_n, "friction": cycle.friction_n},
+        {f"foot {name}": cycle.normal_n[:, k] for k, name in enumerate("ABC")},
+        {f"motor {name}": cycle.omega[:, k] for k, name in enumerate("DE")},
+        {"_child0": 1e6 * cycle.ahead_m},
     )
-    for axes, curves in expected:
-        drawn = {line.get_label(): line.get_xydata() for line in axes.lines}
+    for axes, curves in zip(figure.axes, expected, strict=True):
+        drawn = {line.get_label(): line for line in axes.lines}
         assert drawn.keys() == curves.keys()
         for label, curve in curves.items():
-            np.testing.assert_allclose(
-                drawn[label], np.column_stack([np.rad2deg(theta[:, 0]), curve])
-            )
-    held = force.collections[0].get_paths()[0].vertices[:, 1]
+            np.testing.assert_allclose(drawn[label].get_xdata(), np.rad2deg(cycle.theta[:, 0]))
+            np.testing.assert_allclose(drawn[label].get_ydata(), curve)
+    held = figure.axes[0].collections[0].get_paths()[0].vertices[:, 1]
     assert (held.max(), held.min()) == (cycle.holds_n.max(), -cycle.holds_n.max())
 
 
@@ -248,21 +242,19 @@ def test_motion_of_the_platform():
 
     def motion(seed: int) -> Motion:
         arrays = [made_up(seed + k, (31,)) for k in range(4)]
-        numbers = [np.array(value + seed) for value in (300.0, 0.5, 2e-3)]
-        return Motion(turns, *arrays, *numbers)
+        return Motion(turns, *arrays, *(np.array(value + seed) for value in (300.0, 0.5, 2e-3)))
 
-    result = PlatformResult(motion(0), motion(20), None)  # pyright: ignore[reportArgumentType]
-    figure: Any = fig03.draw(result)
-    axes = figure.axes
-    for row, each in zip((axes[:3], axes[3:]), (result.paper, result.table_ii), strict=True):
+    motions = motion(0), motion(20)
+    figure: Any = fig03.draw(PlatformResult(*motions, None))  # pyright: ignore[reportArgumentType]
+    for row, each in zip((figure.axes[:3], figure.axes[3:]), motions, strict=True):
         factor = 1e3 if each.net_displacement_m >= 1e-4 else 1e6
-        over_time = np.column_stack([1e3 * each.time_s, factor * each.position_m])
+        position, force = factor * each.position_m, each.driving_force_n
+        over_time = np.column_stack([1e3 * each.time_s, position])
         np.testing.assert_allclose(row[0].lines[0].get_xydata(), over_time)
-        last = factor * (each.position_m[20:] - each.position_m[20])
-        np.testing.assert_allclose(row[1].lines[0].get_ydata(), last)
+        np.testing.assert_allclose(row[1].lines[0].get_ydata(), position[20:] - position[20])
         assert row[1].texts[1].get_text().startswith(f"{factor * each.net_displacement_m:.3g}")
-        first = np.column_stack([np.rad2deg(turns[:11]), each.driving_force_n[:11]])
-        np.testing.assert_allclose(row[2].lines[0].get_xydata(), first)
+        over_angle = np.column_stack([np.rad2deg(turns[:11]), force[:11]])
+        np.testing.assert_allclose(row[2].lines[0].get_xydata(), over_angle)
         held = row[2].collections[0].get_paths()[0].vertices[:, 1]
         assert held.max() == each.friction_limit_n[:11].max()
         assert f"ω = {each.omega_rad_s:.0f} rad/s, µ = {each.mu:g}" in row[0].get_title(loc="left")
