@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from agent.training.settings import COMPARED, LearningConfig, MethodName
-from analysis.reading.results import PAIR_EPISODES, SINGLE_EPISODES
+from analysis.reading.results import PAIR_EPISODES, SEQUEL_EPISODES, SINGLE_EPISODES
 from cosim.model.params import TIMING
 from cosim.model.scenario_file import PAPER
 
@@ -17,6 +17,7 @@ class Profile:
         name: for people.
         runs: independent training runs of every variant.
         train_episodes: episodes of a training run.
+        greedy_points: evaluations during such a run.
         drive_episodes: episodes of the training, by method, of the policies that drive the
             co-simulated episodes; by default the number of the method.
         single_episodes, pair_episodes: co-simulated and recorded episodes of every scenario, of
@@ -34,9 +35,15 @@ class Profile:
     pair_episodes: int
     transfer_scenarios: tuple[str, ...]
     transfer_quick: bool
+    greedy_points: int = LearningConfig().greedy_points
     drive_episodes: Mapping[str, int] = field(default_factory=dict)
     episode_limit_s: float = TIMING.episode_limit_s
     transfer_methods: tuple[MethodName, ...] = COMPARED
+
+    def episodes_of(self, experiment: str) -> int:
+        """Return the training episodes of a run of an experiment."""
+        most = SEQUEL_EPISODES if experiment == "sequel" else self.train_episodes
+        return min(self.train_episodes, most)
 
 
 FULL = Profile(
@@ -54,6 +61,7 @@ QUICK = Profile(
     name="quick",
     runs=2,
     train_episodes=500_000,
+    greedy_points=10,
     drive_episodes={"paper": 1_000_000, "moves": 500_000},
     single_episodes=2,
     pair_episodes=1,

@@ -10,7 +10,7 @@ from typing import Any
 
 from analysis.figures.draw import draw_figures
 from analysis.profiles import Profile
-from analysis.reading.results import FIGURES, RESULTS, Result
+from analysis.reading.results import RESULTS, Result, figure_entries
 from analysis.report.page import write_report
 from analysis.timings import Timings
 from cosim.base.jobs import Workers
@@ -58,7 +58,7 @@ def redraw(out: Path, progress: Progress, say: Callable[[str], None]) -> Path:
 
 
 def _draw(out: Path, progress: Progress, say: Callable[[str], None]) -> None:
-    _, lacking = draw_figures(FIGURES, out / "results", out / "figures", progress=progress)
+    _, lacking = draw_figures(figure_entries(), out / "results", out / "figures", progress=progress)
     for name, reason in lacking.items():
         say(f"not drawn: {name}: {reason}")
 
@@ -85,7 +85,8 @@ def command_of(result: Result, results: Path, profile: Profile, seed: int, jobs:
                 "experiment": result.of,
                 "runs": profile.runs,
                 "seed": seed,
-                "episodes": profile.train_episodes,
+                "episodes": profile.episodes_of(result.of),
+                "greedy_points": profile.greedy_points,
                 "where": Workers(jobs=jobs, backend="loky"),
             }
         case "transfer":

@@ -74,6 +74,7 @@ def run_experiment(
     runs: int = 20,
     seed: int = 0,
     episodes: int = LearningConfig().episodes,
+    greedy_points: int = LearningConfig().greedy_points,
     where: Workers = PROCESSES,
     progress: Progress = silent,
 ) -> ExperimentResult:
@@ -83,13 +84,13 @@ def run_experiment(
         out: folder, which may have some of the runs already.
         runs: of each variant.
         seed: that the runs' seeds are spawned from, the same for all variants.
-        episodes: of training, of each run.
+        episodes, greedy_points: of training, of each run; see `LearningConfig`.
         where, progress: see `agent.training.runs.make_runs`.
     """
     began = time.perf_counter()
     variants: dict[str, VariantResult] = {}
     for key, variant in variants_of(name).items():
-        learning = replace(variant.learning, episodes=episodes)
+        learning = replace(variant.learning, episodes=episodes, greedy_points=greedy_points)
         board = find_scenario(variant.scenario)
         experiment = Experiment(board, variant.process, learning, seed, runs)
         how = {"where": where, "progress": progress, "task": variant.label}

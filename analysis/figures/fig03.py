@@ -8,10 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.style import UNTESTED, WIDTH_IN, Caption, Claim, Drawing, verdict
-from analysis.reading.results import FIGURES, RESULTS
+from analysis.figures.style import UNTESTED, WIDTH_IN, Drawing, verdict
+from analysis.reading.results import RESULTS
 from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
+from cosim.calibration.speed_map import load_calibration
 from cosim.machine.platform.motion import Motion, PlatformResult
+from cosim.model.params import STEERING
 
 PRINTED_STEP_UM = 290.0
 _QUARTERS = (0, 90, 180, 270, 360)
@@ -62,57 +64,55 @@ def draw(result: PlatformResult) -> Figure:
     return figure
 
 
-def caption(result: PlatformResult) -> Caption:
-    """The caption of a result."""
-    numbers = {}
-    for name in TITLES:
-        motion: Motion = getattr(result, name)
-        numbers[f"{name}_step_um"] = 1e6 * float(motion.net_displacement_m)
-        numbers[f"{name}_omega_rad_s"] = float(motion.omega_rad_s)
-        numbers[f"{name}_mu"] = float(motion.mu)
+def drawing_of(result: PlatformResult, drive: str = "") -> Drawing:
+    """Return the figure of a result; `drive` says what a turn of a calibrated robot gives."""
+    numbers = {
+        f"{name}_{quantity}": factor * float(getattr(getattr(result, name), field))
+        for name in TITLES
+        for quantity, field, factor in (
+            ("step_um", "net_displacement_m", 1e6),
+            ("omega_rad_s", "omega_rad_s", 1.0),
+            ("mu", "mu", 1.0),
+        )
+    }
     table = result.table
     row = int(np.argmin(np.abs(table.mu - numbers["table_ii_mu"])))
-    slip, drift = table.slip_and_drift_speed_rad_s[row]
-    numbers |= {"slip_speed_rad_s": float(slip), "drift_speed_rad_s": float(drift)}
-    ours_um, other_um = numbers["table_ii_step_um"], numbers["paper_step_um"]
-    claims = (
-        Claim(
-            "Sec. II-B: slip above a critical speed, “net displacement per cycle”, “micrometer "
-            "positioning”",
-            f"slip from {slip:.0f} rad/s, net motion from {drift:.0f}; whether pulses repeat was "
-            "not measured",
-            f"{verdict(bool(np.isfinite(drift)) and ours_um > 0.0)}; positioning {UNTESTED}",
-        ),
-        Claim(
-            "Fig. 3: steps of 0.29 mm",
-            f"Table II gives {ours_um:.1f} µm at {numbers['table_ii_omega_rad_s']:.0f} rad/s; "
-            f"another platform gives {other_um / 1e3:.3f} mm",
-            f"{verdict(abs(ours_um - PRINTED_STEP_UM) < 0.1 * PRINTED_STEP_UM)} with Table II",
-        ),
-    )
-    return Caption(
-        "fig03",
-        "Motion of the 1-DOF platform over turns of the motor (left), in one turn (middle), and "
-        "driving force next to the friction that holds (right)",
-        "above a critical motor speed the platform slides, and in one turn it exhibits a net "
-        "displacement that depends on the motor speed.",
+    slip, drift = map(float, table.slip_and_drift_speed_rad_s[row])
+    numbers |= {"slip_speed_rad_s": slip, "drift_speed_rad_s": drift}
+    step_um, other_mm = numbers["table_ii_step_um"], numbers["paper_step_um"] / 1e3
+    omega, mu = numbers["table_ii_omega_rad_s"], numbers["table_ii_mu"]
+    return Drawing(
+        draw(result),
         (
-            f"The platform that resembles the printed figure moves "
-            f"{numbers['paper_step_um'] / 1e3:.2f} mm a turn at "
+            f"The platform that resembles the printed figure moves {other_mm:.2f} mm a turn at "
             f"{numbers['paper_omega_rad_s']:.0f} rad/s with assumed masses and µ = "
             f"{numbers['paper_mu']:g}.",
-            f"The robot of Tables I and II moves {numbers['table_ii_step_um']:.1f} µm a turn at "
-            f"{numbers['table_ii_omega_rad_s']:.0f} rad/s with µ = {numbers['table_ii_mu']:g}; "
-            f"with µ = {table.mu[row]:g} it slides above {slip:.0f} rad/s and gets "
+            f"The robot of Tables I and II moves {step_um:.1f} µm a turn at {omega:.0f} rad/s with "
+            f"µ = {mu:g}; with µ = {table.mu[row]:g} it slides above {slip:.0f} rad/s and gets "
             f"ahead above {drift:.0f} rad/s.",
         ),
         numbers,
-        FIGURES["fig03"],
-        claims,
+        (
+            (
+                f"slip from {slip:.0f} rad/s, net motion from {drift:.0f}{drive}; whether pulses "
+                "repeat was not measured",
+                f"{verdict(bool(np.isfinite(drift)) and step_um > 0.0)}; positioning {UNTESTED}",
+            ),
+            (
+                f"Table II gives {step_um:.1f} µm at {omega:.0f} rad/s; another platform gives "
+                f"{other_mm:.3f} mm",
+                f"{verdict(abs(step_um - PRINTED_STEP_UM) < 0.1 * PRINTED_STEP_UM)} with Table II",
+            ),
+        ),
     )
 
 
 def make(results: Path) -> Drawing:
     """Draw the figure of a results folder."""
-    result = PlatformResult.load(RESULTS["platform"].location(results))
-    return Drawing(draw(result), caption(result))
+    result, drive = PlatformResult.load(RESULTS["platform"].location(results)), ""
+    if RESULTS["calibration"].exists(results):
+        speed_m_s = STEERING.drive_speed_m_s
+        calibration = load_calibration(RESULTS["calibration"].proof_in(results))
+        step_m = speed_m_s * 2.0 * np.pi / calibration.motor_speed("forwards", speed_m_s)
+        drive = f", {1e6 * step_m:.0f} µm a turn at {1e3 * speed_m_s:g} mm/s"
+    return drawing_of(result, drive)

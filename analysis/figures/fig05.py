@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from analysis.figures.style import WIDTH_IN, Caption, Drawing
+from analysis.figures.style import WIDTH_IN, Drawing
 from cosim.base.plotting import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import AMONG_OBSTACLES, IN_GROUPS, PAPER, find_scenario
@@ -19,25 +19,21 @@ ROBOT_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 def draw_board(axes: Axes, scenario: Scenario) -> None:
     """The board in cm: zone and obstacles grey, starts and targets in their robots' colours."""
     cell_cm = 100.0 * scenario.cell_m
-    width, height = (100.0 * size for size in scenario.size_m)
+
+    def fill(x: int, y: int, colour: str, alpha: float, cells: tuple[int, int] = (1, 1)) -> None:
+        size_cm = (cells[0] * cell_cm, cells[1] * cell_cm)
+        style = {"facecolor": colour, "alpha": alpha, "linewidth": 0}
+        axes.add_patch(Rectangle((x * cell_cm, y * cell_cm), *size_cm, **style))
+
     left, bottom, right, top = scenario.zone
-    axes.add_patch(
-        Rectangle(
-            (left * cell_cm, bottom * cell_cm),
-            (right - left + 1) * cell_cm,
-            (top - bottom + 1) * cell_cm,
-            facecolor=GREY,
-            alpha=0.2,
-            linewidth=0,
-        )
-    )
+    fill(left, bottom, GREY, 0.2, (right - left + 1, top - bottom + 1))
     for x, y in scenario.obstacles:
-        axes.add_patch(_cell(x, y, cell_cm, GREY, 0.8))
+        fill(x, y, GREY, 0.8)
     for robot, (target, starts) in enumerate(zip(scenario.targets, scenario.starts, strict=True)):
-        colour = robot_colour(robot)
         for x, y in starts:
-            axes.add_patch(_cell(x, y, cell_cm, colour, 0.25))
-        axes.add_patch(_cell(*target, cell_cm, colour, 1.0))
+            fill(x, y, robot_colour(robot), 0.25)
+        fill(*target, robot_colour(robot), 1.0)
+    width, height = (100.0 * size for size in scenario.size_m)
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", xlabel="x in cm")
     axes.grid(visible=False)
     axes.spines[["right", "top"]].set_visible(True)
@@ -48,14 +44,8 @@ def robot_colour(robot: int) -> str:
     return ROBOT_COLOURS[robot % len(ROBOT_COLOURS)]
 
 
-def _cell(x: int, y: int, cell_cm: float, colour: str, alpha: float) -> Rectangle:
-    return Rectangle(
-        (x * cell_cm, y * cell_cm), cell_cm, cell_cm, facecolor=colour, alpha=alpha, linewidth=0
-    )
-
-
-def draw(scenarios: list[Scenario]) -> Figure:
-    """One board per scenario, in a row."""
+def _draw(scenarios: list[Scenario]) -> Figure:
+    """Draw one board per scenario, in a row."""
     size = (WIDTH_IN, 0.35 + WIDTH_IN / len(scenarios))
     figure, grid = plt.subplots(1, len(scenarios), figsize=size, squeeze=False)
     for axes, scenario in zip(grid[0], scenarios, strict=True):
@@ -65,31 +55,23 @@ def draw(scenarios: list[Scenario]) -> Figure:
     return figure
 
 
-def caption(scenarios: list[Scenario]) -> Caption:
-    """The caption of some scenarios."""
-    width, height = scenarios[0].size_m
+def make(results: Path) -> Drawing:
+    """Draw the paper's scenarios; no result is needed."""
+    scenarios = [find_scenario(name) for name in PAPER]
+    width, height = (100.0 * size for size in scenarios[0].size_m)
     left, bottom, right, top = scenarios[0].zone
     starts = {s.name: [len(cells) for cells in s.starts] for s in scenarios}
     listed = ", ".join(f"{name}: {' and '.join(map(str, n))}" for name, n in starts.items())
     cell_cm = 100.0 * scenarios[0].cell_m
-    return Caption(
-        "fig05",
-        "Scenarios with start cells (light), targets (full colour) and the central zone (grey)",
-        "30 × 30 cm, a zone of 7 × 7 cm at the centre, targets in single cells on its border, "
-        "starts on the sides of the board.",
+    return Drawing(
+        _draw(scenarios),
         (
-            f"{100 * width:.0f} × {100 * height:.0f} cm in cells of {cell_cm:g} cm, a zone of "
+            f"{width:.0f} × {height:.0f} cm in cells of {cell_cm:g} cm, a zone of "
             f"{(right - left + 1) * cell_cm:g} × {(top - bottom + 1) * cell_cm:g} cm.",
             f"Start cells of each robot, by scenario: {listed}.",
         ),
-        {"size_cm": [100.0 * width, 100.0 * height], "cell_cm": cell_cm, "start_cells": starts},
+        {"size_cm": [width, height], "cell_cm": cell_cm, "start_cells": starts},
     )
-
-
-def make(results: Path) -> Drawing:
-    """Draw the paper's scenarios; no result is needed."""
-    scenarios = [find_scenario(name) for name in PAPER]
-    return Drawing(draw(scenarios), caption(scenarios))
 
 
 def among_obstacles(results: Path) -> Drawing:
@@ -97,17 +79,14 @@ def among_obstacles(results: Path) -> Drawing:
     scenarios = [find_scenario(name) for name in AMONG_OBSTACLES]
     closed = {s.name: len(s.obstacles) for s in scenarios}
     ours = tuple(f"{s.name}: {s.title}, obstacles on {closed[s.name]} cells." for s in scenarios)
-    title = "Scenarios with obstacles (dark), start cells (light), targets (full colour)"
-    return Drawing(draw(scenarios), Caption("obstacles", title, "", ours, {"closed_cells": closed}))
+    return Drawing(_draw(scenarios), ours, {"closed_cells": closed})
 
 
 def in_groups(results: Path) -> Drawing:
     """Draw the built-in scenarios of four and six robots; no result is needed."""
     scenarios = [find_scenario(name) for name in IN_GROUPS]
-    combinations = {s.name: math.prod(map(len, s.starts)) for s in scenarios}
+    starts = {s.name: math.prod(map(len, s.starts)) for s in scenarios}
     ours = tuple(
-        f"{s.name}: {s.title}, {combinations[s.name]:,} combinations of starts." for s in scenarios
+        f"{s.name}: {s.title}, {starts[s.name]:,} combinations of starts." for s in scenarios
     )
-    title = "Scenarios of groups: start cells (light) and target (full colour) of each robot"
-    numbers = {"combinations_of_starts": combinations}
-    return Drawing(draw(scenarios), Caption("groups", title, "", ours, numbers))
+    return Drawing(_draw(scenarios), ours, {"combinations_of_starts": starts})

@@ -1,6 +1,5 @@
 """Fig. 7: the motor in open and closed loop, from a recording of `minirobots motor-test`."""
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,16 +7,14 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.style import WIDTH_IN, Caption, Claim, Drawing, verdicts
+from analysis.figures.style import WIDTH_IN, Drawing, verdicts
 from analysis.reading.findings import intervals
 from analysis.reading.motor_test import LOOPS, Response, read, rise
-from analysis.reading.results import FIGURES, RESULTS
+from analysis.reading.results import RESULTS
 from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
 from cosim.model.params import TABLE_II, describe, motor_time_constant
-from cosim.recording.reader import read_rrd
 
 COLOURS = {"open_loop": VERMILION, "closed_loop": BLUE}
 # What the right column shows larger: the start, in which the closed loop is at its limit.
@@ -26,29 +23,23 @@ START_S = 0.12
 
 def _draw(axes: np.ndarray, responses: dict[str, Response], until_s: float, limit_v: float) -> None:
     speed, voltage, torque = axes
-    for loop in LOOPS:
-        response = responses[loop]
-        shown = response.time_s <= until_s
-        time_s, label = response.time_s[shown], loop.replace("_", " ")
-        speed.plot(time_s, response.omega[shown], color=COLOURS[loop], label=label)
-        voltage.plot(time_s, response.voltage[shown], color=COLOURS[loop], label=label)
+    for loop, response in responses.items():
+        early = response.time_s <= until_s
+        time_s, style = response.time_s[early], {"color": COLOURS[loop]}
+        speed.plot(time_s, response.omega[early], label=loop.replace("_", " "), **style)
+        voltage.plot(time_s, response.voltage[early], **style)
     closed = responses["closed_loop"]
-    shown = closed.time_s <= until_s
-    time_s = closed.time_s[shown]
-    set_point = closed.omega_des[shown]
+    early = closed.time_s <= until_s
+    time_s, set_point = closed.time_s[early], closed.omega_des[early]
     speed.plot(time_s, set_point, color=BLACK, linestyle="--", linewidth=0.8, label="set point")
-    _mark_saturation([speed, voltage], time_s, np.abs(closed.voltage[shown]) >= limit_v)
+    for first, last in intervals(np.abs(closed.voltage[early]) >= limit_v):
+        span = time_s[first], time_s[min(last + 1, len(time_s) - 1)]
+        for each in (speed, voltage):
+            each.axvspan(*span, color=GREY, alpha=0.25, linewidth=0)
     for sign in (1, -1):
         voltage.axhline(sign * limit_v, color=BLACK, linestyle=":", linewidth=0.8)
-    torque.step(time_s, 1e6 * closed.disturbance[shown], color=BLACK, where="post")
+    torque.step(time_s, 1e6 * closed.disturbance[early], color=BLACK, where="post")
     torque.set_xlabel("time in s")
-
-
-def _mark_saturation(axes: list[Axes], time_s: np.ndarray, saturated: np.ndarray) -> None:
-    for first, last in intervals(saturated):
-        for each in axes:
-            span = float(time_s[first]), float(time_s[min(last + 1, len(time_s) - 1)])
-            each.axvspan(*span, color=GREY, alpha=0.25, linewidth=0)
 
 
 def others(motor: Mapping[str, float]) -> str:
@@ -87,103 +78,82 @@ _TIMES = {
     "to_98_percent_s": "98 %",
     "within_2_percent_s": "within ±2 %",
 }
+_CLAIMED = ("90 %", "98 %")
 EARLY_S = 0.05
 FASTER = 0.9  # of the other loop's time, to be called faster
 # A tenth of a second holds many turns: the ripple averages out.
 _AVERAGED = 100
 
 
-def caption(
+def drawing_of(
     responses: dict[str, Response], motor: Mapping[str, float] = TABLE_II._asdict()
-) -> Caption:
-    """Response times, speeds before and under the disturbance, and saturation; see `draw`."""
+) -> Drawing:
+    """Return the figure of a motor test with response times, speeds and saturation; see `draw`."""
     limit_v = motor.get("V_s_max", TABLE_II.V_s_max)
     numbers: dict[str, Any] = {"motor": dict(motor)}
-    for loop in LOOPS:
-        response = responses[loop]
-        undisturbed = response.disturbance == 0.0
-        risen = rise(
-            response.time_s[undisturbed], response.omega[undisturbed], response.omega_des[0]
-        )
+    times_s: dict[str, list[float | None]] = {text: [] for text in _TIMES.values()}
+    speeds, early = [], []
+    for loop, response in responses.items():
+        free, words = response.disturbance == 0.0, loop.replace("_", " ")
+        risen = rise(response.time_s[free], response.omega[free], response.omega_des[0])
+        thirds = [float(t[-_AVERAGED:].mean()) for t in np.array_split(response.omega, 3)]
+        at_early = float(response.omega[np.searchsorted(response.time_s, EARLY_S)])
         numbers |= {f"{loop}_{name}": value for name, value in risen._asdict().items()}
-        early = int(np.searchsorted(response.time_s, EARLY_S))
-        numbers[f"{loop}_early_rad_s"] = float(response.omega[early])
-        numbers[f"{loop}_speeds_rad_s"] = [
-            float(third[-_AVERAGED:].mean()) for third in np.array_split(response.omega, 3)
-        ]
+        numbers |= {f"{loop}_early_rad_s": at_early, f"{loop}_speeds_rad_s": thirds}
+        speeds.append(f"{words} {', '.join(f'{value:.1f}' for value in thirds)} rad/s")
+        early.append(f"{words} {at_early:.0f} rad/s")
+        for name, text in _TIMES.items():
+            times_s[text].append(getattr(risen, name))
     closed = responses["closed_loop"]
     saturated_s = closed.time_s[np.abs(closed.voltage) >= limit_v].max(initial=0.0)
     numbers["closed_loop_highest_v"] = float(np.abs(closed.voltage).max())
     numbers["closed_loop_saturated_until_s"] = float(saturated_s)
-
-    def speeds(loop: str) -> str:
-        return ", ".join(f"{value:.1f}" for value in numbers[f"{loop}_speeds_rad_s"])
-
-    times = "; ".join(
-        f"{text}: "
-        + ", ".join(
-            f"{loop.replace('_', ' ')} {numbers[key]:.3f} s"
-            for loop in LOOPS
-            if numbers[key := f"{loop}_{name}"] is not None
-        )
-        for name, text in _TIMES.items()
-    )
-    return Caption(
-        "fig07",
-        "Speed, voltage and disturbance torque d of the motor in open and closed loop; grey: the "
-        "closed loop asks for more than the motor may have",
-        "in closed loop the desired speed is achieved despite the disturbance and the limited "
-        "voltage, and the response is significantly faster than in open loop.",
+    rises = []
+    for text, pair in times_s.items():
+        reached = [(loop, at) for loop, at in zip(LOOPS, pair, strict=True) if at is not None]
+        words = (f"{loop.replace('_', ' ')} {at:.3f} s" for loop, at in reached)
+        rises.append(f"{text}: {', '.join(words)}")
+    faster = {text: _faster(*pair) for text, pair in times_s.items()}
+    claimed = [f"to {t}: {' instead of '.join(map(_seconds, times_s[t][::-1]))}" for t in _CLAIMED]
+    return Drawing(
+        draw(responses, motor),
         (
-            f"Speeds without, with and against d: open loop {speeds('open_loop')} rad/s, closed "
-            f"loop {speeds('closed_loop')} rad/s, set point {closed.omega_des[-1]:g} rad/s.",
-            f"Time until the speed reaches a share of the set point, or stays near it: {times}.",
-            f"{_comparison(numbers)} {_gains(motor)}".strip(),
-            f"Speed after {1e3 * EARLY_S:g} ms: open loop {numbers['open_loop_early_rad_s']:.0f} "
-            f"rad/s, closed loop {numbers['closed_loop_early_rad_s']:.0f} rad/s.",
+            f"Speeds without, with and against d: {', '.join(speeds)}, set point "
+            f"{closed.omega_des[-1]:g} rad/s.",
+            "Time until the speed reaches a share of the set point, or stays near it: "
+            f"{'; '.join(rises)}.",
+            f"{_comparison(faster)} {_gains(motor)}".strip(),
+            f"Speed after {1e3 * EARLY_S:g} ms: {', '.join(early)}.",
             f"The closed loop's voltage is at its limit of {limit_v:g} V until "
             f"{saturated_s:.3f} s.",
             *([f"Parameters other than Table II's: {others(motor)}."] if others(motor) else []),
         ),
         numbers,
-        FIGURES["fig07"],
-        (_claim(numbers),),
-    )
-
-
-def _claim(numbers: Mapping[str, Any]) -> Claim:
-    ours, holds = [], {}
-    for name in ("to_90_percent_s", "to_98_percent_s"):
-        opened, closed = (_seconds(numbers[f"{loop}_{name}"]) for loop in LOOPS)
-        ours.append(f"to {_TIMES[name]}: {closed} instead of {opened}")
-        holds[f"to {_TIMES[name]}"] = _faster(numbers, name)
-    return Claim(
-        "Fig. 7: with the PI loop “response time is significantly reduced”",
-        "; ".join(ours),
-        verdicts(holds),
+        (("; ".join(claimed), verdicts({f"to {text}": faster[text] for text in _CLAIMED})),),
     )
 
 
 def _seconds(time_s: float | None) -> str:
-    return "never" if time_s is None else f"{time_s:.3f} s"
+    if time_s is None:
+        return "never"
+    return f"{1e3 * time_s:.0f} ms" if time_s < 0.5 else f"{time_s:.2f} s"
 
 
-def _faster(numbers: Mapping[str, Any], name: str) -> bool | None:
-    """Return whether the closed loop is faster in a time; None if no loop gets there."""
-    opened, closed = (numbers[f"{loop}_{name}"] for loop in LOOPS)
+def _faster(opened: float | None, closed: float | None) -> bool | None:
+    """Return whether the closed loop is faster; None if no loop gets there."""
     if opened is None and closed is None:
         return None
     return closed is not None and closed < (math.inf if opened is None else FASTER * opened)
 
 
-def _comparison(numbers: Mapping[str, Any]) -> str:
+def _comparison(faster: Mapping[str, bool | None]) -> str:
     """Return the times to which the closed loop is the faster one, as a sentence."""
-    faster: dict[bool, list[str]] = {True: [], False: []}
-    for name, text in _TIMES.items():
-        if (than := _faster(numbers, name)) is not None:
-            faster[than].append(text)
-    said = {True: f"at least {1.0 - FASTER:.0%} faster to", False: "not so to"}
-    parts = [f"{said[which]}: {', '.join(texts)}" for which, texts in faster.items() if texts]
+    words = {True: f"at least {1.0 - FASTER:.0%} faster to", False: "not so to"}
+    parts = [
+        f"{words[which]}: {', '.join(texts)}"
+        for which in words
+        if (texts := [text for text, than in faster.items() if than is which])
+    ]
     return f"The closed loop is {'; '.join(parts)}." if parts else "No loop reaches the set point."
 
 
@@ -199,8 +169,5 @@ def _gains(motor: Mapping[str, float]) -> str:
 
 def make(results: Path) -> Drawing:
     """Draw the figure of a results folder."""
-    path = RESULTS["motor_test"].location(results)
-    responses = read(path)
-    facts = read_rrd(path).properties.get("motor_test", {})
-    motor = json.loads(facts.get("parameters", "null")) or TABLE_II._asdict()
-    return Drawing(draw(responses, motor), caption(responses, motor))
+    responses, motor = read(RESULTS["motor_test"].location(results))
+    return drawing_of(responses, motor or TABLE_II._asdict())

@@ -1,7 +1,7 @@
 """Figures 8, 10, 11 and `sequel`: learning curves of experiments; path lengths next to bounds."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,8 @@ from agent.experiments.results import ExperimentResult, VariantResult
 from agent.training.loop import TrainingLog
 from agent.training.runs import policy_paths
 from agent.training.store import LOG_FILE
-from analysis.figures.style import WIDTH_IN, Caption, Claim, Drawing, verdict, verdicts
-from analysis.reading.results import FIGURES, RESULTS, read_experiment
+from analysis.figures.style import WIDTH_IN, Drawing, verdict, verdicts
+from analysis.reading.results import RESULTS, figure_entries, read_experiment
 from cosim.base.errors import UserError
 from cosim.base.plotting import BLUE, GREY, VERMILION
 
@@ -31,30 +31,6 @@ _CURVES = (
     "Upper row: mean over the last 100 episodes, exploring; lower row: the greedy policy at that "
     f"time from every start; {_SPREAD}"
 )
-
-# Title and claim of the paper, by figure.
-_LEARNING = {
-    "fig08": (
-        f"Success rate and path length of one robot over episodes, scenarios 1a and 1b. {_CURVES}",
-        "in both scenarios the optimal policy is achieved quickly.",
-    ),
-    "fig10": (
-        f"Success rate and path length of a pair for values of c in Eq. (12), scenario 4. "
-        f"{_CURVES}",
-        "better results are obtained when c = 1.5.",
-    ),
-    "fig11": (
-        f"Success rate and path length of pairs over episodes, scenarios 2, 3 and 4. {_CURVES}",
-        "both robots learn to reach their targets without colliding, also where the targets make "
-        "the scenario harder.",
-    ),
-    "sequel": (
-        "Success rate and path length of groups of robots over episodes: the greedy policy at that "
-        f"time from drawn starts; {_SPREAD}",
-        "double Q-learning offers a more stable and reliable learning process (the sequel, "
-        "doi 10.1080/01691864.2020.1757507).",
-    ),
-}
 
 
 @dataclass(frozen=True)
@@ -173,94 +149,92 @@ def draw_learning_curves(variants: dict[str, VariantCurves]) -> Figure:
 
 def fig10(results: Path) -> Drawing:
     """Draw the effect of the coefficient c of Eq. (12)."""
-    drawing = learning_figure("fig10", results)
-    drawing, found, better = _compared(drawing, results, "path_length_cm", 1.0, " cm")
-    paper = "Fig. 10: “better results are obtained when c = 1.5”"
-    ours = f"difference of paths to those of c = 1.5: {found}"
-    return _with_claim(drawing, Claim(paper, ours, verdict(better)))
+    content = read_experiment("fig10", results)
+    found, better = _compared(content, "path_length_cm", 1.0, " cm")
+    judged = f"difference of paths to those of c = 1.5: {found}", verdict(better)
+    text = f"Difference in path length from the reference, run by run: {found}."
+    return _learning_figure(content, results, judged, ("path_length_cm", text))
 
 
 def sequel(results: Path) -> Drawing:
     """Learning curves of groups of four and six robots, by both algorithms of the sequel."""
-    drawing = learning_figure("sequel", results, draw_by_scenario)
-    drawing, found, stable = _compared(drawing, results, "success", 100.0, " %")
     content = read_experiment("sequel", results)
+    found, stable = _compared(content, "success", 100.0, " %")
     rates = [v.over_runs["success"].mean or 0.0 for v in content.variants.values()]
-    paper = "The sequel: “efficient” learning of four robots; double Q “more stable”"
     ours = (
         f"{100.0 * min(rates):.0f} to {100.0 * max(rates):.0f} % of starts after "
         f"{content.episodes:,} episodes; differences: {found}"
     )
-    return _with_claim(drawing, Claim(paper, ours, verdict(stable and min(rates) >= LEARNT)))
+    judged = ours, verdict(stable and min(rates) >= LEARNT)
+    text = f"Difference in success from the reference, run by run: {found}."
+    return _learning_figure(content, results, judged, ("success", text), draw_by_scenario)
 
 
-def _compared(
-    drawing: Drawing, results: Path, measure: str, factor: float, unit: str
-) -> tuple[Drawing, str, bool | None]:
-    """Add to the caption how the variants differ from their references in a measure.
-
-    Returns:
-        The drawing, the differences as text, and whether all are above 0, None if one of them has
-        no interval.
-    """
-    content = read_experiment(drawing.caption.figure, results)
-    found = {name: measures[measure] for name, measures in content.differences.items()}
-    parts = "; ".join(
-        f"{content.variants[name].label} {interval_text(difference, 2, factor, unit)}"
-        for name, difference in found.items()
-    )
-    what = measure.removesuffix("_cm").replace("_", " ")
-    text = f"Difference in {what} from the reference, run by run: {parts}."
-    numbers = {f"{name}_{measure}_difference": difference for name, difference in found.items()}
-    caption = drawing.caption
-    caption = replace(caption, ours=(*caption.ours, text), numbers=dict(caption.numbers) | numbers)
-    lows = [difference.low for difference in found.values()]
-    above = None if None in lows else all(low > 0.0 for low in lows if low is not None)
-    return drawing._replace(caption=caption), parts, above
+def fig08(results: Path) -> Drawing:
+    """Learning curves of one robot."""
+    return _learned(read_experiment("fig08", results), results, single=True)
 
 
-def _with_claim(drawing: Drawing, claim: Claim) -> Drawing:
-    return drawing._replace(caption=replace(drawing.caption, claims=(claim,)))
+def fig11(results: Path) -> Drawing:
+    """Learning curves of pairs."""
+    return _learned(read_experiment("fig11", results), results, single=False)
 
 
-def learned(figure: str, results: Path) -> Drawing:
-    """Learning curves of Fig. 8 or 11, with what the paper claims of them."""
-    drawing, content = learning_figure(figure, results), read_experiment(figure, results)
-    ours, learnt = [], {}
+def _learned(content: ExperimentResult, results: Path, *, single: bool) -> Drawing:
+    ours, learnt = [], True
     for variant in content.variants.values():
-        runs = [run.success == 1.0 for run in variant.runs]
-        low, high = binomtest(sum(runs), len(runs)).proportion_ci()
-        learnt[variant.scenario] = all(runs)
-        text = f"{variant.scenario}: 100 % of all starts in {sum(runs)} of {len(runs)} runs"
+        succeeded, runs = sum(run.success == 1.0 for run in variant.runs), len(variant.runs)
+        low, high = binomtest(succeeded, runs).proportion_ci()
+        learnt &= succeeded == runs
+        text = f"{variant.scenario}: 100 % of all starts in {succeeded} of {runs} runs"
         text += f" [{100.0 * low:.1f}, {100.0 * high:.1f}]"
-        if figure == "fig08":
+        if single:
             text += f", {interval_text(variant.over_runs['steps'])} moves, path "
             text += f"{interval_text(variant.over_runs['ratio_to_bound'], 3)} of the shortest"
         ours.append(text)
-    if figure == "fig08":
-        holds = {
-            f"in {what}": all(learnt.values())
-            and all((v.over_runs[of].mean or np.inf) < OPTIMAL for v in content.variants.values())
-            for what, of in (("moves", "steps_ratio_to_bound"), ("centimetres", "ratio_to_bound"))
-        }
-        paper, found = (
-            "Fig. 8: one robot, “the optimal policy is achieved quickly”",
-            verdicts(holds),
+    found = f"{verdict(learnt)} on the grid"
+    if single:
+        measures = {"in moves": "steps_ratio_to_bound", "in centimetres": "ratio_to_bound"}
+        over_runs = [variant.over_runs for variant in content.variants.values()]
+        found = verdicts(
+            {
+                where: learnt and all((over[name].mean or np.inf) < OPTIMAL for over in over_runs)
+                for where, name in measures.items()
+            }
         )
-    else:
-        paper = "Fig. 11: pairs learn to reach their targets"
-        found = f"{verdict(all(learnt.values()))} on the grid"
-    return _with_claim(drawing, Claim(paper, "; ".join(ours), found))
+    return _learning_figure(content, results, ("; ".join(ours), found))
 
 
-def learning_figure(
-    figure: str,
+def _compared(
+    content: ExperimentResult, measure: str, factor: float, unit: str
+) -> tuple[str, bool | None]:
+    """Return how variants differ from their references, and whether all are above them.
+
+    The second is None if a difference has no interval.
+    """
+    found = {name: measures[measure] for name, measures in content.differences.items()}
+    text = "; ".join(
+        f"{content.variants[name].label} {interval_text(difference, 2, factor, unit)}"
+        for name, difference in found.items()
+    )
+    lows = [difference.low for difference in found.values()]
+    return text, None if None in lows else all(low > 0.0 for low in lows if low is not None)
+
+
+def _learning_figure(
+    content: ExperimentResult,
     results: Path,
+    judged: tuple[str, str],
+    compared: tuple[str, str] | None = None,
     draw: Callable[[dict[str, VariantCurves]], Figure] = draw_learning_curves,
 ) -> Drawing:
-    """Learning curves of an experiment: of one robot (fig08), of pairs (fig11) and so on."""
-    content = read_experiment(figure, results)
-    variants = load_variants(RESULTS[figure].location(results), content)
+    """Return the learning curves of an experiment, with a sentence for each variant.
+
+    Args:
+        judged: see `Drawing`.
+        compared: measure in which variants differ from their references, and what it shows.
+    """
+    variants = load_variants(RESULTS[content.experiment].location(results), content)
     numbers: dict[str, Any] = {"episodes": content.episodes}
     ours = []
     for name, variant in variants.items():
@@ -268,8 +242,13 @@ def learning_figure(
         numbers[name] = {key: over_runs[key] for key in ("success", "path_length_cm", "steps")}
         numbers[name]["learnt_after_episodes"] = settled_after(variant, LEARNT)
         ours.append(_sentence(variant, numbers[name]))
-    caption = Caption(figure, *_LEARNING[figure], tuple(ours), numbers, FIGURES[figure])
-    return Drawing(draw(variants), caption)
+    if compared:
+        measure, text = compared
+        ours.append(text)
+        for name, measures in content.differences.items():
+            numbers[f"{name}_{measure}_difference"] = measures[measure]
+    words = {"curves": _CURVES, "spread": _SPREAD}
+    return Drawing(draw(variants), tuple(ours), numbers, (judged,), words)
 
 
 def _sentence(variant: VariantCurves, numbers: dict[str, Any]) -> str:
@@ -284,47 +263,37 @@ def _sentence(variant: VariantCurves, numbers: dict[str, Any]) -> str:
 def path_ratio(results: Path) -> Drawing:
     """Path length and moves of every run over those of the exact optimum."""
     variants: dict[str, VariantResult] = {}
-    for name in FIGURES["path_ratio"]:
+    for name in figure_entries()["path_ratio"].inputs:
         variants |= read_experiment(name, results).variants
     numbers, ours = {}, []
     for name, variant in variants.items():
-        path, moves = (variant.over_runs[key] for key in ("ratio_to_bound", "steps_ratio_to_bound"))
+        path, moves = (variant.over_runs[key] for key in _RATIOS)
         numbers[name] = {"path_length": path, "moves": moves}
-        ours.append(
-            f"{variant.label}: path {interval_text(path, 3)}, moves {interval_text(moves, 3)}."
-        )
-    caption = Caption(
-        "path_ratio",
-        "Path length (left) and moves (right) of the greedy policies over those of the shortest "
-        "collision-free joint paths; dots: runs; bars: mean and 95 % interval over five runs or "
-        "more",
-        "“optimal” is the shortest path; the paths found are called optimal for one robot and "
-        "sub-optimal for pairs, without a measure.",
-        tuple(ours),
-        numbers,
-        FIGURES["path_ratio"],
-    )
-    return Drawing(_draw_ratios(variants), caption)
+        texts = interval_text(path, 3), interval_text(moves, 3)
+        ours.append(f"{variant.label}: path {texts[0]}, moves {texts[1]}.")
+    return Drawing(draw_ratios(variants), tuple(ours), numbers)
 
 
-def _draw_ratios(variants: dict[str, VariantResult]) -> Figure:
+_RATIOS = {
+    "ratio_to_bound": ("path length", BLUE),
+    "steps_ratio_to_bound": ("moves", VERMILION),
+}
+
+
+def draw_ratios(variants: dict[str, VariantResult]) -> Figure:
+    """Path length and moves over the optimum: a dot for each run, means with intervals."""
     figure, grid = plt.subplots(1, 2, figsize=(WIDTH_IN, 2.8), sharey=True)
-    measures = (
-        ("ratio_to_bound", "path length", BLUE),
-        ("steps_ratio_to_bound", "moves", VERMILION),
-    )
     random = np.random.default_rng(0)  # spreads dots that would hide each other
-    for axes, (key, title, colour) in zip(grid, measures, strict=True):
+    for axes, (key, (title, colour)) in zip(grid, _RATIOS.items(), strict=True):
         for place, variant in enumerate(variants.values()):
             values = [v for run in variant.runs if (v := getattr(run, key)) is not None]
             spread = random.uniform(-0.15, 0.15, len(values))
             axes.plot(place + spread, values, ".", color=GREY, markersize=4, alpha=0.6)
             s = variant.over_runs[key]
-            enough = s.runs >= LEAST_RUNS
-            if enough and s.mean is not None and s.low is not None and s.high is not None:
-                below, above = s.mean - s.low, s.high - s.mean
-                bars = np.maximum([[below], [above]], 0.0)
-                axes.errorbar(place, s.mean, bars, fmt="o", color=colour, capsize=4)
+            mean, low, high = (np.nan if v is None else v for v in (s.mean, s.low, s.high))
+            if s.runs >= LEAST_RUNS and np.isfinite(high - low):
+                bars = np.maximum([[mean - low], [high - mean]], 0.0)
+                axes.errorbar(place, mean, bars, fmt="o", color=colour, capsize=4)
         axes.axhline(1.0, color=GREY, linewidth=0.8)
         axes.set_xticks(range(len(variants)), [v.scenario for v in variants.values()])
         axes.set_xlabel("scenario")

@@ -12,10 +12,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.figures.paths import recorded
-from analysis.figures.style import WIDTH_IN, Caption, Drawing
+from analysis.figures.style import WIDTH_IN, Drawing
 from analysis.reading.findings import sliding
-from analysis.reading.results import FIGURES, episodes_of
+from analysis.reading.results import recordings
 from cosim.base.errors import UserError
 from cosim.base.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from cosim.physics.forces import MotorMount, motor_force
@@ -26,7 +25,6 @@ from cosim.recording.reader import Episode, read_episode
 STEADY = 0.15
 # Loads are means over this time: a foot that lands has an impulse, not a force of its own.
 MEAN_S = 1e-4
-SCENARIO = "2"
 
 
 class Cycle(NamedTuple):
@@ -95,22 +93,18 @@ def _cycles(episode: Episode, robot: str) -> Iterator[Cycle]:
         theta = _angles(episode, robot, raw.time_s[burst], omega, dt_s)
         if theta is None:
             continue
-        turned = np.abs(theta[:, 0] - theta[-1, 0])
-        if turned[0] >= 2.0 * np.pi:
-            first = int(np.flatnonzero(turned >= 2.0 * np.pi)[-1])
+        whole = np.flatnonzero(np.abs(theta[:, 0] - theta[-1, 0]) >= 2.0 * np.pi)
+        if len(whole):
             motion = theta, omega, np.gradient(omega, dt_s, axis=0)
-            yield _cycle(episode, robot, burst[first:], *(values[first:] for values in motion))
+            yield _cycle(episode, robot, burst[whole[-1] :], *(v[whole[-1] :] for v in motion))
 
 
-def _cycle(
-    episode: Episode,
-    robot: str,
-    rows: np.ndarray,
-    theta: np.ndarray,
-    omega: np.ndarray,
-    omega_dot: np.ndarray,
-) -> Cycle:
-    """Return a turn by its n rows in the bursts, and the motion of D and E there, (n, 2) each."""
+def _cycle(episode: Episode, robot: str, rows: np.ndarray, *motion: np.ndarray) -> Cycle:
+    """Return a turn by its n rows in the bursts.
+
+    Args:
+        motion: angles, speeds and accelerations of D and E there, (n, 2) each.
+    """
     raw = (episode.signals[f"/raw/{robot}/{name}"] for name in ("friction", "normal", "position"))
     friction, normal, position = (
         s._replace(time_s=s.time_s[rows], values=s.values[rows]) for s in raw
@@ -119,13 +113,14 @@ def _cycle(
     mu, dt_s = episode.parameter("mu"), episode.parameter("dt_s")
     headings = episode.signals[f"/sim/{robot}/heading"]
     heading = headings.values[np.argmin(np.abs(headings.time_s - time_s[0]))]
+    theta, omega, _ = motion
     return Cycle(
         robot,
         time_s,
         theta,
         omega,
         abs(float(np.angle(np.exp(1j * theta.sum(axis=1)).mean()))),
-        _driving_force(episode, theta, omega, omega_dot),
+        _driving_force(episode, *motion),
         _mean(friction.values[:, ::2].sum(axis=1), dt_s),
         _mean(mu * load.sum(axis=1), dt_s),
         np.apply_along_axis(_mean, 0, load, dt_s),
@@ -211,43 +206,36 @@ def draw(cycle: Cycle) -> Figure:
     return figure
 
 
-def caption(cycle: Cycle) -> Caption:
-    """The caption of one turn."""
-    turn_s = float(cycle.time_s[-1] - cycle.time_s[0])
-    speed = float(np.abs(cycle.omega).mean())
-    step_um = 1e6 * float(cycle.ahead_m[-1])
-    slides, holds = float(cycle.slides.mean()), float(cycle.holds_n.min())
-    lifted = float(cycle.lifted.any(axis=1).mean())
-    driving = float(np.abs(cycle.driving_n).max())
-    return Caption(
-        "motor_cycle",
-        f"Robot {cycle.robot} driving at {cycle.time_s[0]:.3f} s of a recorded episode of scenario "
-        f"{SCENARIO}, every tick of one turn of its motors",
-        "above a critical motor speed the forces of the eccentric masses overcome friction at the "
-        "contact points, and the robot slides (it has no such figure).",
-        (
-            f"At {speed:.0f} rad/s, with masses {np.rad2deg(cycle.apart_rad):.0f}° from pushing "
-            f"together, a turn takes {1e3 * turn_s:.2f} ms and moves the robot {step_um:.1f} µm.",
-            f"The masses push with up to {driving:.2f} N, the friction that the load allows falls "
-            f"to {holds:.3f} N; the feet slide in {slides:.0%} of the ticks, and some foot is in "
-            f"the air in {lifted:.0%}. Feet land with up to {1e6 * cycle.impact_n_s:.0f} µN s.",
-        ),
-        {
-            "omega_rad_s": speed,
-            "apart_rad": cycle.apart_rad,
-            "turn_s": turn_s,
-            "step_um": step_um,
-            "sliding_share": slides,
-            "lifted_share": lifted,
-            "driving_max_n": driving,
-            "friction_limit_min_n": holds,
-            "impact_max_n_s": cycle.impact_n_s,
-        },
-        FIGURES["motor_cycle"],
+def drawing_of(cycle: Cycle) -> Drawing:
+    """Return the figure of one turn."""
+    numbers = {
+        "omega_rad_s": float(np.abs(cycle.omega).mean()),
+        "apart_rad": cycle.apart_rad,
+        "turn_s": float(cycle.time_s[-1] - cycle.time_s[0]),
+        "step_um": 1e6 * float(cycle.ahead_m[-1]),
+        "sliding_share": float(cycle.slides.mean()),
+        "lifted_share": float(cycle.lifted.any(axis=1).mean()),
+        "driving_max_n": float(np.abs(cycle.driving_n).max()),
+        "friction_limit_min_n": float(cycle.holds_n.min()),
+        "impact_max_n_s": cycle.impact_n_s,
+    }
+    apart_deg, turn_ms = np.rad2deg(cycle.apart_rad), 1e3 * numbers["turn_s"]
+    sentences = (
+        f"At {{omega_rad_s:.0f}} rad/s, with masses {apart_deg:.0f}° from pushing together, a turn "
+        f"takes {turn_ms:.2f} ms and moves the robot {{step_um:.1f}} µm.",
+        "The masses push with up to {driving_max_n:.2f} N, the friction that the load allows falls "
+        "to {friction_limit_min_n:.3f} N; the feet slide in {sliding_share:.0%} of the ticks, and "
+        "some foot is in the air in {lifted_share:.0%}. Feet land with up to "
+        f"{1e6 * cycle.impact_n_s:.0f} µN s.",
+    )
+    return Drawing(
+        draw(cycle),
+        tuple(sentence.format(**numbers) for sentence in sentences),
+        numbers,
+        words={"robot": cycle.robot, "time_s": cycle.time_s[0]},
     )
 
 
 def make(results: Path) -> Drawing:
     """Draw the figure of a results folder."""
-    cycle = find_cycle(read_episode(recorded(episodes_of(SCENARIO, "moves"), results)[0]))
-    return Drawing(draw(cycle), caption(cycle))
+    return drawing_of(find_cycle(read_episode(recordings("episodes_2_moves", results)[0])))

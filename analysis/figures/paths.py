@@ -9,12 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from agent.evaluation.statistics import rate
+from agent.evaluation.rows import Row
+from agent.evaluation.statistics import interval_text
+from agent.study.studies import TransferReport
 from analysis.figures.fig05 import draw_board, robot_colour
-from analysis.figures.style import WIDTH_IN, Caption, Claim, Drawing, verdict, verdicts
+from analysis.figures.style import UNTESTED, WIDTH_IN, Drawing, verdict, verdicts
 from analysis.reading.inspection import path_length_m
-from analysis.reading.results import DRIVEN_BY, FIGURES, RESULTS, episodes_of, recordings
-from cosim.base.errors import UserError
+from analysis.reading.results import DRIVEN_BY, RESULTS, episodes_of, read_result, recordings
 from cosim.base.plotting import BLACK, VERMILION
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
@@ -58,58 +59,39 @@ def fig09(results: Path) -> Drawing:
         len(DRIVEN_BY), len(SINGLE), figsize=(WIDTH_IN, 7.6), sharex=True, squeeze=False
     )
     for axes, ((name, method), found) in zip(grid.flat, tracks.items(), strict=True):
-        _draw_tracks(axes, find_scenario(name), found)
+        draw_tracks(axes, find_scenario(name), found)
         reached = sum(track.outcome == "success" for track in found)
         axes.set_title(f"{name}, {method}: {reached} of {len(found)} reached", loc="left")
         axes.set_xlabel("x in cm" if axes in grid[-1] else "")
     for axes in grid[:, 0]:
         axes.set_ylabel("y in cm")
-    claim = (
-        "after learning, short (sub-optimal) paths lead to the target from any random start of a "
-        "relatively large grid."
-    )
-    return Drawing(figure, _caption("fig09", "Paths of one robot", claim, tracks))
+    return _drawing(figure, tracks, _judged(SINGLE, results))
 
 
 def fig12(results: Path) -> Drawing:
     """Draw paths of pairs, a method in each row, and below them the distance of their centres."""
     tracks = _read(results, PAIRS)
-    return Drawing(
-        _draw_pairs(tracks),
-        _caption(
-            "fig12",
-            "Paths of pairs in the first episode, and the distance of their centres in all "
-            "(dotted: paper, solid: moves; line at 5 cm: contact)",
-            "sub-optimal paths of both robots are found from random starts, while a collision "
-            "between them is avoided.",
-            tracks,
-        ),
-    )
-
-
-def recorded(name: str, results: Path) -> list[Path]:
-    """Return the recordings of a result's episodes, in their order; refuse if there are none."""
-    paths = recordings(name, results)
-    if not paths:
-        raise UserError(f"{name}: no recordings; run `{RESULTS[name].command(results)}` first")
-    return paths
+    return _drawing(draw_pairs(tracks), tracks, _judged(PAIRS, results))
 
 
 def _read(results: Path, scenarios: tuple[str, ...]) -> Tracks:
     return {
-        (name, method): [read_track(path) for path in recorded(episodes_of(name, method), results)]
+        (name, method): [
+            read_track(path) for path in recordings(episodes_of(name, method), results)
+        ]
         for method in DRIVEN_BY
         for name in scenarios
     }
 
 
-def _draw_pairs(tracks: Tracks) -> Figure:
+def draw_pairs(tracks: Tracks) -> Figure:
+    """Paths of the first episodes, a method in each row, and distances over time below."""
     figure, grid = plt.subplots(
         len(DRIVEN_BY) + 1, len(PAIRS), figsize=(WIDTH_IN, 7.2), squeeze=False,
         height_ratios=[*(3 for _ in DRIVEN_BY), 2],
     )  # fmt: skip
     for axes, ((name, method), found) in zip(grid.flat, tracks.items(), strict=False):
-        _draw_tracks(axes, find_scenario(name), found[:1])
+        draw_tracks(axes, find_scenario(name), found[:1])
         axes.set_title(f"{name}, {method}: {found[0].outcome.replace('_', ' ')}", loc="left")
         axes.set_xlabel("")
         distance = grid[-1, PAIRS.index(name)]
@@ -127,7 +109,7 @@ def _draw_pairs(tracks: Tracks) -> Figure:
     return figure
 
 
-def _draw_tracks(axes: Axes, scenario: Scenario, tracks: list[Track]) -> None:
+def draw_tracks(axes: Axes, scenario: Scenario, tracks: list[Track]) -> None:
     """Draw centres of robots as lines, marks of time as dots, rims at start and end as circles."""
     draw_board(axes, scenario)
     radius_cm = 50.0 * scenario.diameter_m
@@ -144,38 +126,39 @@ def _draw_tracks(axes: Axes, scenario: Scenario, tracks: list[Track]) -> None:
                 axes.add_patch(Circle(centre, radius_cm, fill=False, color=colour, alpha=alpha))
 
 
-def _claim(figure: str, tracks: Tracks) -> Claim:
-    """Return what the paper's method achieves."""
+def _judged(scenarios: tuple[str, ...], results: Path) -> tuple[str, str]:
+    """Return what the paper's method achieves in the table of `minirobots transfer`, and a verdict.
+
+    The recorded episodes, which are drawn, are few.
+    """
+    rows: tuple[Row, ...] = ()
+    if RESULTS["transfer"].exists(results):
+        rows = read_result("transfer", results, TransferReport).rows
     parts, holds = [], {}
-    for (name, method), found in tracks.items():
-        if method == "paper":
-            reached = sum(track.outcome == "success" for track in found)
-            _, low, high = rate(reached, len(found))
-            ends = f"[{100.0 * (low or 0.0):.1f}, {100.0 * (high or 1.0):.1f}]"
-            parts.append(f"{name} in {reached} of {len(found)} {ends}")
-            holds[f"in {name}"] = reached == len(found)
-    paper = {
-        "fig09": "Fig. 9: paths of one robot",
-        "fig12": "Fig. 12: paths of pairs without collisions",
-    }
-    one = set(holds.values())
-    return Claim(
-        paper[figure],
+    for row in rows:
+        if row.policy == "paper" and row.scenario in scenarios and not row.shield and row.episodes:
+            reached = row.episodes - row.failing_starts
+            _, ends = interval_text(row.interval("success"), 1, 100.0).split(" ", 1)
+            parts.append(f"{row.scenario} in {reached} of {row.episodes} {ends}")
+            holds[f"in {row.scenario}"] = reached == row.episodes
+    if not parts:
+        return "not evaluated: see `minirobots transfer`", UNTESTED
+    return (
         f"driven in the dynamics, without a shield: {', '.join(parts)} episodes",
-        verdict(one.pop()) if len(one) == 1 else verdicts(holds),
+        verdict(all(holds.values())) if len({*holds.values()}) == 1 else verdicts(holds),
     )
 
 
-def _caption(figure: str, title: str, claim: str, tracks: Tracks) -> Caption:
+def _drawing(figure: Figure, tracks: Tracks, judged: tuple[str, str]) -> Drawing:
     numbers: dict[str, Any] = {}
     ours = []
     for (name, method), found in tracks.items():
         outcomes = [track.outcome for track in found]
         succeeded = [track for track in found if track.outcome == "success"]
-        lengths = [100.0 * np.mean(track.path_length_m) for track in succeeded]
+        lengths = [100.0 * float(np.mean(track.path_length_m)) for track in succeeded]
         numbers[f"{name} {method}"] = {
             "outcomes": outcomes,
-            "path_length_cm": [float(length) for length in lengths],
+            "path_length_cm": lengths,
             "time_s": [track.time_s for track in found],
         }
         others = sorted({outcome.replace("_", " ") for outcome in outcomes} - {"success"})
@@ -184,14 +167,9 @@ def _caption(figure: str, title: str, claim: str, tracks: Tracks) -> Caption:
         if lengths:
             text += f", after {np.mean(lengths):.1f} cm a robot on average"
         ours.append(text + (f"; the others: {', '.join(others)}." if others else "."))
-    return Caption(
-        figure,
-        f"{title}, with motors, mass and friction, of policies by the paper's method and by "
-        f"moves, with the same starts and noise; lines: centres (dotted where the episode failed), "
-        f"dots: every {MARK_S:g} s, circles: rims at the start (light) and the end",
-        claim,
-        tuple(ours),
-        numbers,
-        FIGURES[figure],
-        (_claim(figure, tracks),),
+    style = (
+        "with motors, mass and friction, of policies by the paper's method and by moves, with the "
+        "same starts and noise; lines: centres (dotted where the episode failed), dots: every "
+        f"{MARK_S:g} s, circles: rims at the start (light) and the end"
     )
+    return Drawing(figure, tuple(ours), numbers, (judged,), {"style": style})

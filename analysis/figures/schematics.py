@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
-from analysis.figures.style import WIDTH_IN, Caption, Drawing
+from analysis.figures.style import WIDTH_IN, Drawing
 from cosim.base.plotting import BLACK, BLUE, GREEN, GREY, VERMILION
 from cosim.model.params import TABLE_I, TABLE_II
 from cosim.physics.contact import foot_positions
@@ -53,20 +53,12 @@ def fig02(results: Path) -> Drawing:
     for end, name in (((-1.9, 1.9), "Y"), ((-2.6, 2.6), "Z")):
         _arrow(axes, (-2.6, 1.9), end, BLACK)
         axes.text(end[0] + 0.08, end[1], name)
-    return Drawing(
-        figure,
-        Caption(
-            "fig02",
-            "Platform of one degree of freedom: an eccentric mass m at a distance r of the axis O",
-            "the rotating mass gives the forces of Eq. (1).",
-            (
-                "θ = 0 where the mass hangs straight down; the directions of the forces are those "
-                f"of Eq. (1) at the θ drawn. Here m = {1e3 * TABLE_II.m:g} g and "
-                f"r = {1e3 * TABLE_II.r:g} mm (Table II).",
-            ),
-            {"m_kg": TABLE_II.m, "r_m": TABLE_II.r},
-        ),
+    ours = (
+        "θ = 0 where the mass hangs straight down; the directions of the forces are those of "
+        f"Eq. (1) at the θ drawn. Here m = {1e3 * TABLE_II.m:g} g and r = {1e3 * TABLE_II.r:g} mm "
+        "(Table II)."
     )
+    return Drawing(figure, (ours,), {"m_kg": TABLE_II.m, "r_m": TABLE_II.r})
 
 
 def fig04(results: Path) -> Drawing:
@@ -95,19 +87,14 @@ def fig04(results: Path) -> Drawing:
     _arrow(axes, (radius + 2, 0.0), (radius + 9, 0.0), VERMILION)
     axes.text(radius + 5, -3.0, "forwards", color=VERMILION, ha="center")
     axes.text(0.0, -radius - 3.0, f"diameter {2 * radius:g} mm", ha="center")
-    caption = Caption(
-        "fig04",
-        "The robot from above, to scale: feet A, B, C and motors D, E",
-        "three contact points and two vibration motors, at φ = 90° and −90°.",
-        (
-            f"Feet on a circle of {1e3 * robot.foot_radius_m:g} mm and eccentric masses "
-            f"{1e3 * robot.motor_radius_m:g} mm from the centre (both assumed; the layout is that "
-            "of Fig. 4b); diameter and size of the motors are those of Table I. The robot drives "
-            "forwards at (ω_D, ω_E) = (−, +).",
-        ),
-        {"foot_radius_m": robot.foot_radius_m, "motor_radius_m": robot.motor_radius_m},
+    ours = (
+        f"Feet on a circle of {1e3 * robot.foot_radius_m:g} mm and eccentric masses "
+        f"{1e3 * robot.motor_radius_m:g} mm from the centre (both assumed; the layout is that of "
+        "Fig. 4b); diameter and size of the motors are those of Table I. The robot drives forwards "
+        "at (ω_D, ω_E) = (−, +)."
     )
-    return Drawing(figure, caption)
+    radii = {"foot_radius_m": robot.foot_radius_m, "motor_radius_m": robot.motor_radius_m}
+    return Drawing(figure, (ours,), radii)
 
 
 # Blocks of Fig. 6: centre and half width, and what stands in them.
@@ -147,18 +134,9 @@ def fig06(results: Path) -> Drawing:
     axes.text(-0.5, _FEEDBACK + 0.15, "noise ±5 %", color=BLUE)
     axes.text(_SUM - 0.15, -0.5, "−", ha="right", va="center")
     gains = {"K_p": TABLE_II.K_p, "K_i": TABLE_II.K_i, "V_s_max": TABLE_II.V_s_max}
-    return Drawing(
-        figure,
-        Caption(
-            "fig06",
-            "Speed loop of one motor",
-            "a PI controller (Eq. 14) with limited voltage.",
-            (
-                f"K_p = {TABLE_II.K_p:g} V s/rad, K_i = {TABLE_II.K_i:g} V/rad, V_s_max = "
-                f"{TABLE_II.V_s_max:g} V (Table II). The integral holds while u is beyond the "
-                "limit and e would push it further out (assumed). All of it is in the motor FMU, "
-                "with these names.",
-            ),
-            gains,
-        ),
+    ours = (
+        f"K_p = {TABLE_II.K_p:g} V s/rad, K_i = {TABLE_II.K_i:g} V/rad, V_s_max = "
+        f"{TABLE_II.V_s_max:g} V (Table II). The integral holds while u is beyond the limit and e "
+        "would push it further out (assumed). All of it is in the motor FMU, with these names."
     )
+    return Drawing(figure, (ours,), gains)

@@ -6,13 +6,13 @@ A figure is a PNG, a PDF, and a JSON file with its caption: the paper's claim an
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from analysis.reading.results import figure_entries
 from cosim.base.errors import UserError
-from cosim.base.plotting import SETTINGS
+from cosim.base.plotting import styled
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import replacing, write_json
 
@@ -21,12 +21,7 @@ FORMATS = (".png", ".pdf")
 NOTHING = "–"  # where a number has no value
 
 
-def use_style() -> None:
-    """Set matplotlib's defaults for every figure of the project."""
-    mpl.use("Agg")
-    mpl.rcParams.update(SETTINGS)
-
-
+@styled
 def save(figure: Figure, out: Path) -> list[Path]:
     """Write the figure as PNG and PDF and return the files; same data give the same bytes.
 
@@ -70,16 +65,31 @@ def verdicts(holds: Mapping[str, bool | None]) -> str:
 
 
 @dataclass(frozen=True)
+class Drawing:
+    """A figure that is drawn, and what it shows.
+
+    Attributes:
+        ours: what we find, one line each.
+        numbers: the numbers in `ours` by name, unit suffixes in the names.
+        judged: our result and the verdict, for each claim of the paper that the figure bears on.
+        words: that its title takes.
+    """
+
+    figure: Figure
+    ours: tuple[str, ...]
+    numbers: dict[str, Any] = field(default_factory=dict)
+    judged: tuple[tuple[str, str], ...] = ()
+    words: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Caption:
     """Caption of a figure; numbers in it are computed from the data drawn.
 
     Attributes:
         figure: name of the figure, that of its files.
-        title: what it shows.
-        claim: what the paper says or shows; empty if the paper has no such figure.
-        ours: what we find, one line each.
-        numbers: the numbers in `ours` by name, unit suffixes in the names.
-        inputs: results it was drawn from, below the results folder.
+        title, claim, inputs: see `analysis.reading.results.FigureEntry`.
+        ours, numbers: see `Drawing`.
         claims: on which it bears, as the report lists them.
     """
 
@@ -91,17 +101,24 @@ class Caption:
     inputs: tuple[str, ...] = ()
     claims: tuple[Claim, ...] = ()
 
+    @classmethod
+    def of(cls, name: str, drawing: Drawing) -> "Caption":
+        """Return the caption of a drawing of a figure."""
+        entry = figure_entries()[name]
+        return cls(
+            name,
+            entry.title.format(**drawing.words),
+            entry.claim,
+            drawing.ours,
+            drawing.numbers,
+            entry.inputs,
+            tuple(Claim(p, *j) for p, j in zip(entry.claims, drawing.judged, strict=True)),
+        )
+
     def text(self) -> str:
         """The caption as text, for a page."""
         claim = f" The paper: {self.claim}" if self.claim else ""
         return f"{self.title}.{claim} Here: {' '.join(self.ours)}"
-
-
-class Drawing(NamedTuple):
-    """A figure that is drawn, with its caption."""
-
-    figure: Figure
-    caption: Caption
 
 
 def write_caption(caption: Caption, folder: Path) -> Path:

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from agent.evaluation.rows import Row, rate_column
 from agent.study.plot import draw_measure
 from agent.study.studies import TransferReport
-from analysis.figures.style import Caption, Drawing
-from analysis.reading.results import FIGURES, read_result
+from analysis.figures.style import Drawing
+from analysis.reading.results import read_result
 from cosim.base.errors import UserError
 
 
@@ -38,36 +38,30 @@ def draw(rows: list[Row]) -> Figure:
     return figure
 
 
-def caption(rows: list[Row]) -> Caption:
-    """Return the caption: over all scenarios, by method, shield and friction."""
+def drawing_of(rows: list[Row]) -> Drawing:
+    """Return the figure, with the worst over all scenarios by method, shield and friction."""
     numbers, ours = [], []
     for mu, some in by_friction(rows).items():
         parts = []
         for name in dict.fromkeys(map(series_of, some)):
             chosen = [row for row in some if series_of(row) == name]
             worst = min(chosen, key=lambda row: row.success or 0.0)
-            episodes = sum(row.episodes for row in chosen)
-            numbers.append(
-                {"mu": mu, "series": name, "episodes": episodes, "worst_scenario": worst.scenario}
-                | {
-                    f"worst_success{e}": getattr(worst, f"success{e}")
-                    for e in ("", "_low", "_high")
-                }
-            )
+            number = {
+                "mu": mu,
+                "series": name,
+                "episodes": sum(row.episodes for row in chosen),
+                "worst_scenario": worst.scenario,
+                "worst_success": worst.success,
+                "worst_success_low": worst.success_low,
+                "worst_success_high": worst.success_high,
+            }
+            numbers.append(number)
             parts.append(
                 f"{name} at least {rate_column('success').text(worst)} (scenario {worst.scenario}, "
-                f"{episodes} episodes in all)"
+                f"{number['episodes']} episodes in all)"
             )
         ours.append(f"µ = {mu:g}: {'; '.join(parts)}.")
-    return Caption(
-        "transfer",
-        "Success of trained policies in the full co-simulation by training method and scenario; "
-        "bars: 95 % intervals over episodes",
-        "all targets are reached without collisions (it does not say whether with the dynamics).",
-        tuple(ours),
-        {"series": numbers},
-        FIGURES["transfer"],
-    )
+    return Drawing(draw(rows), tuple(ours), {"series": numbers})
 
 
 def make(results: Path) -> Drawing:
@@ -76,4 +70,4 @@ def make(results: Path) -> Drawing:
     rows = [row for row in report.rows if row.success is not None]
     if not rows:
         raise UserError("the table of `minirobots transfer` has no rows with episodes")
-    return Drawing(draw(rows), caption(rows))
+    return drawing_of(rows)

@@ -4,13 +4,16 @@ Works on what a recording holds (`cosim.recording.reader`); a finding is left ou
 recording lacks its signals. Nothing is printed here.
 """
 
+import contextlib
 from collections.abc import Iterator
+from functools import partial
 from itertools import combinations
 from typing import Any
 
 import msgspec
 import numpy as np
 
+from cosim.base.errors import FileError
 from cosim.recording.reader import Episode, Signal
 from cosim.recording.series import IN_ZONE, NOT_ARRIVED, OFF_THE_BOARD, ON_OBSTACLE, ON_TARGET
 
@@ -53,15 +56,13 @@ class Finding(msgspec.Struct, frozen=True):
 
 def find(episode: Episode) -> list[Finding]:
     """All findings of an episode: how it ended unless well, then by robot and pair."""
+    of_robots = (_saturation, _slipping, _lift_offs, _given_up, _failures)
+    checks = [partial(check, episode, robot) for robot in episode.robots for check in of_robots]
+    checks += [partial(_near_misses, episode, *pair) for pair in combinations(episode.robots, 2)]
     found = [*_ending(episode)]
-    for robot in episode.robots:
-        found += _saturation(episode, robot)
-        found += _slipping(episode, robot)
-        found += _lift_offs(episode, robot)
-        found += _given_up(episode, robot)
-        found += _failures(episode, robot)
-    for pair in combinations(episode.robots, 2):
-        found += _near_misses(episode, *pair)
+    for check in checks:
+        with contextlib.suppress(FileError):  # the recording lacks a signal or a parameter
+            found += check()
     return found
 
 
@@ -83,9 +84,7 @@ def intervals(mask: np.ndarray) -> np.ndarray:
 
 
 def _saturation(episode: Episode, robot: str) -> Iterator[Finding]:
-    voltage = episode.signals.get(f"/sim/{robot}/motors/voltage")
-    if voltage is None or "V_s_max" not in episode.parameters:
-        return
+    voltage = episode.signals[f"/sim/{robot}/motors/voltage"]
     limit = episode.parameter("V_s_max")
     saturated = np.abs(voltage.values) >= limit
     for motor, column in zip(voltage.components, saturated.T, strict=False):
@@ -106,10 +105,7 @@ def _slipping(episode: Episode, robot: str) -> Iterator[Finding]:
     if state is not None:
         share, source = float(state.values.mean()), "of the time of the feet"
     else:
-        friction = episode.signals.get(f"/raw/{robot}/friction")
-        normal = episode.signals.get(f"/raw/{robot}/normal")
-        if friction is None or normal is None or "mu" not in episode.parameters:
-            return
+        friction, normal = (episode.signals[f"/raw/{robot}/{n}"] for n in ("friction", "normal"))
         share = float(sliding(friction, normal, episode.parameter("mu")).mean())
         source = "of the feet's ticks in the raw bursts"
     text, numbers = f"feet slide in {share:.1%} {source}", {"share": share}
@@ -123,8 +119,8 @@ def sliding(friction: Signal, normal: Signal, mu: float) -> np.ndarray:
 
 
 def _lift_offs(episode: Episode, robot: str) -> Iterator[Finding]:
-    lifted = episode.signals.get(f"/sim/{robot}/contact/lifted_share")
-    if lifted is None or not lifted.values.any():
+    lifted = episode.signals[f"/sim/{robot}/contact/lifted_share"]
+    if not lifted.values.any():
         return
     period_s = float(np.median(np.diff(lifted.time_s))) if len(lifted.time_s) > 1 else 0.0
     runs = intervals(lifted.values > 0.0)
@@ -148,10 +144,9 @@ def _given_up(episode: Episode, robot: str) -> Iterator[Finding]:
 def _failures(episode: Episode, robot: str) -> Iterator[Finding]:
     """Return what the robot lacked at the end."""
     failures = episode.texts.get(f"/rl/{robot}/failure")
-    position = episode.signals.get(f"/sim/{robot}/position")
-    if failures is None or position is None:
+    if failures is None:
         return
-    x, y = position.values[-1]
+    x, y = episode.signals[f"/sim/{robot}/position"].values[-1]
     for time_s, state in zip(failures.time_s, failures.texts, strict=True):
         numbers = {"x_m": float(x), "y_m": float(y)}
         text = f"{state} at ({100.0 * x:.2f}, {100.0 * y:.2f}) cm"
@@ -171,8 +166,6 @@ def gap_m(episode: Episode, first: str, second: str) -> tuple[np.ndarray, np.nda
 
 
 def _near_misses(episode: Episode, first: str, second: str) -> Iterator[Finding]:
-    if any(f"/sim/{robot}/position" not in episode.signals for robot in (first, second)):
-        return
     time_s, gap = gap_m(episode, first, second)
     diameter_m = episode.parameter("diameter_m")
     limit = (NEAR_DIAMETERS - 1.0) * diameter_m

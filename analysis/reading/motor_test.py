@@ -1,5 +1,6 @@
 """Recordings of `minirobots motor-test`: the signals of both loops as arrays."""
 
+import json
 import math
 from pathlib import Path
 from typing import NamedTuple
@@ -7,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.errors import UserError
-from cosim.recording.reader import Signal, read_rrd
+from cosim.recording.reader import read_rrd
 
 LOOPS = ("open_loop", "closed_loop")
 
@@ -35,16 +36,23 @@ class Response(NamedTuple):
 SIGNALS = Response._fields[1:]  # entities below /sim/<loop>
 
 
-def read(path: Path) -> dict[str, Response]:
-    """Signals of a recording, by loop."""
+def read(path: Path) -> tuple[dict[str, Response], dict[str, float]]:
+    """Return the signals of a recording by loop, and the motor's parameters as far as known."""
     try:
-        signals = read_rrd(path).signals
-        return {loop: _response(signals, loop) for loop in LOOPS}
+        data = read_rrd(path)
+        signals = {
+            loop: [data.signals[f"/sim/{loop}/{name}"] for name in SIGNALS] for loop in LOOPS
+        }
     except KeyError as error:
         raise UserError(
             f"{path} is not a recording of a motor test ({error}); "
             "make one with `minirobots motor-test`"
         ) from error
+    facts = data.properties.get("motor_test", {})
+    return {
+        loop: Response(of[0].time_s, *(signal.values for signal in of))
+        for loop, of in signals.items()
+    }, json.loads(facts.get("parameters", "{}"))
 
 
 class Rise(NamedTuple):
@@ -82,8 +90,3 @@ def rise(time_s: np.ndarray, omega: np.ndarray, set_point: float) -> Rise:
         for there in (*(omega >= share * set_point for share in SHARES), stays)
     )
     return Rise(to_63, to_90, to_98, within, float(omega.max() / set_point - 1.0))
-
-
-def _response(signals: dict[str, Signal], loop: str) -> Response:
-    held = [signals[f"/sim/{loop}/{signal}"] for signal in SIGNALS]
-    return Response(held[0].time_s, *(signal.values for signal in held))

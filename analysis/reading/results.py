@@ -4,21 +4,27 @@ The one place that knows the layout and the order: `minirobots reproduce` fills 
 report read from it. Their writers own the content of results.
 """
 
+import functools
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from cosim.base.errors import UserError
-from cosim.base.reading import Kind, read_json
+from cosim.base.reading import Kind, read_json, read_toml
 from cosim.model.scenario_file import PAPER, find_scenario
 
 if TYPE_CHECKING:
     from agent.experiments.results import ExperimentResult
 
+_FIGURES = Path(__file__).with_name("figures.toml")
 # Episodes of a scenario with paths in Fig. 9 or 12: the paper draws many of one robot on one
 # board, and few of a pair.
 SINGLE_EPISODES, PAIR_EPISODES = 6, 2
+# Training episodes of the sequel, of which the paper says nothing.
+SEQUEL_EPISODES = 2_000_000
 # Methods of the policies that drive them, from the same starts and noise: the paper's, and
 # the one that learns on moves observed in the co-simulation.
 DRIVEN_BY = ("paper", "moves")
@@ -66,9 +72,9 @@ class Result:
         return shlex.join(["minirobots", self.maker, *arguments])
 
 
-def _experiment(name: str, title: str) -> Result:
-    path = f"experiments/{name}"
-    return Result(name, title, path, "experiments", "results.json", name, arguments=(name,))
+def _experiment(name: str, title: str, *arguments: str) -> Result:
+    path, given = f"experiments/{name}", (name, *arguments)
+    return Result(name, title, path, "experiments", "results.json", name, arguments=given)
 
 
 def episodes_of(scenario: str, method: str) -> str:
@@ -107,40 +113,53 @@ RESULTS: dict[str, Result] = {
         _experiment("fig11", "training of pairs (Fig. 11)"),
         _experiment("fig10", "training with values of c (Fig. 10)"),
         Result("transfer", "success in co-simulation", "transfer", "transfer", "transfer.json"),
-        _experiment("sequel", "training of groups, as in the paper's sequel"),
+        _experiment(
+            "sequel",
+            "training of groups, as in the paper's sequel",
+            "--episodes",
+            str(SEQUEL_EPISODES),
+        ),
     )
 }
 
-# Results that a figure is drawn from, by the figure's name, which is that of its files too.
-FIGURES: dict[str, tuple[str, ...]] = {
-    "fig02": (),  # a schematic, as 4 and 6 are
-    "fig03": ("platform",),
-    "fig04": (),
-    "fig05": (),  # the scenarios themselves
-    "fig06": (),
-    "fig07": ("motor_test",),
-    "fig08": ("fig08",),
-    "fig09": tuple(episodes_of(name, method) for method in DRIVEN_BY for name in ("1a", "1b")),
-    "fig10": ("fig10",),
-    "fig11": ("fig11",),
-    "fig12": tuple(episodes_of(name, method) for method in DRIVEN_BY for name in ("2", "3", "4")),
-    "groups": (),
-    "motor_cycle": (episodes_of("2", "moves"),),
-    "obstacles": (),  # scenarios as well
-    "path_ratio": ("fig08", "fig11"),
-    "sequel": ("sequel",),
-    "transfer": ("transfer",),
-}
+
+class FigureEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What `figures.toml` says of a figure, by its name, which is that of its files too.
+
+    Attributes:
+        draw: module of `analysis.figures` and function.
+        title: what it shows.
+        claim: what the paper says or shows; empty if the paper has no such figure.
+        claims: of the paper, in short, on which it bears.
+        inputs: results that it is drawn from.
+    """
+
+    draw: str
+    title: str
+    claim: str = ""
+    claims: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+
+
+@functools.cache
+def figure_entries() -> dict[str, FigureEntry]:
+    """Return all figures by name, in the paper's order."""
+    declared = read_toml(_FIGURES, Kind("table of figures", "install it again"))
+    return msgspec.convert(declared, dict[str, FigureEntry])
 
 
 def missing(figure: str, results: Path) -> list[Result]:
     """Results that a figure needs and that are not there."""
-    return [RESULTS[name] for name in FIGURES[figure] if not RESULTS[name].exists(results)]
+    needed = figure_entries()[figure].inputs
+    return [RESULTS[name] for name in needed if not RESULTS[name].exists(results)]
 
 
 def recordings(name: str, results: Path) -> list[Path]:
-    """Recordings of a result's episodes, in their order."""
-    return sorted(RESULTS[name].location(results).glob("episodes/ep_*.rrd"))
+    """Return the recordings of a result's episodes, in their order; refuse if there are none."""
+    found = sorted(RESULTS[name].location(results).glob("episodes/ep_*.rrd"))
+    if not found:
+        raise UserError(f"{name}: no recordings; run `{RESULTS[name].command(results)}` first")
+    return found
 
 
 def read_result(name: str, results: Path, form: Any) -> Any:

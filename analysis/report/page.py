@@ -6,6 +6,7 @@ The page stands in a folder with its figures and opens from disk.
 import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,11 +18,12 @@ from agent.evaluation.statistics import interval_text
 from agent.experiments.results import ExperimentResult
 from agent.study.studies import QUICK_EPISODES, TransferReport
 from analysis.figures.style import FORMATS, NOTHING, UNTESTED, Caption, Claim, read_caption
+from analysis.profiles import FULL
 from analysis.reading.results import (
     DRIVEN_BY,
-    FIGURES,
     RESULTS,
     episodes_of,
+    figure_entries,
     missing,
     read_experiment,
     read_result,
@@ -37,6 +39,13 @@ from cosim.model.params import SPEED_NOISE, TABLE_I, TIMING
 from cosim.model.scenario_file import PAPER, find_scenario
 
 PAGE, CLAIMS = "index.html", "claims.json"
+# Experiments with a table, and its title.
+_EXPERIMENTS = {
+    "fig08": "One robot, greedy policies after training",
+    "fig11": "Two robots, greedy policies after training",
+    "fig10": "The coefficient c of Eq. (12), scenario 4",
+    "sequel": "Four and six robots, Q-learning and double Q-learning",
+}
 # Column, measure of `agent.mdp.exact`, digits, factor, unit.
 _MEASURES = (
     ("success", "success", 1, 100.0, " %"),
@@ -45,6 +54,11 @@ _MEASURES = (
     ("path over shortest", "ratio_to_bound", 3, 1.0, ""),
 )
 _TRANSFER = (SCENARIO, METHOD, MU, SHIELD, field("episodes"), *map(rate_column, ENDS), PATH_RATIO)
+# Of what no reproduction measures.
+_UNMEASURED = (
+    Claim("Sec. V: training takes “about 10 minutes”", "see the table Time on this page", NOTHING),
+    Claim("Hardware", "no robot was driven", UNTESTED),
+)
 
 
 class ReportTable(NamedTuple):
@@ -57,36 +71,15 @@ class ReportTable(NamedTuple):
     rows: list[tuple[str, ...]]
 
 
-# Of what no reproduction measures.
-_UNMEASURED = (
-    Claim("Sec. V: training takes “about 10 minutes”", "see the table Time on this page", NOTHING),
-    Claim("Hardware", "no robot was driven", UNTESTED),
-)
-
-
-def claim_rows(captions: Iterable[Caption]) -> list[dict[str, str]]:
+def claim_rows(captions: Iterable[Caption], *, brief: bool) -> list[dict[str, Any]]:
     """Return the claims of the paper in its order, each with its figure, "" if it has none."""
     claims = [(caption.figure, claim) for caption in captions for claim in caption.claims]
-    claims += [("", claim) for claim in _UNMEASURED]
-    return [{"figure": figure} | asdict(claim) for figure, claim in claims]
+    rows = [{"figure": figure, "brief": brief} | asdict(claim) for figure, claim in claims]
+    return rows + [{"figure": "", "brief": False} | asdict(claim) for claim in _UNMEASURED]
 
 
-def learning_tables(results: Path) -> list[ReportTable]:
-    """Return the results of training, a table per experiment of the paper."""
-    titles = {
-        "fig08": "One robot, greedy policies after training",
-        "fig11": "Two robots, greedy policies after training",
-        "fig10": "The coefficient c of Eq. (12), scenario 4",
-        "sequel": "Four and six robots, Q-learning and double Q-learning",
-    }
-    return [
-        _learning_table(title, read_experiment(name, results))
-        for name, title in titles.items()
-        if RESULTS[name].exists(results)
-    ]
-
-
-def _learning_table(title: str, content: ExperimentResult) -> ReportTable:
+def learning_table(title: str, content: ExperimentResult) -> ReportTable:
+    """Return the results of training of an experiment."""
     rows, differences = [], content.differences
     for key, variant in content.variants.items():
         row = [variant.label]
@@ -96,9 +89,7 @@ def _learning_table(title: str, content: ExperimentResult) -> ReportTable:
             difference = differences.get(key)
             row.append(interval_text(difference["path_length_cm"]) if difference else NOTHING)
         rows.append(tuple(row))
-    header = ["", *(column for column, *_ in _MEASURES)]
-    if differences:
-        header.append("difference in cm, same seeds")
+    header = ("", *(column for column, *_ in _MEASURES))
     runs = len(next(iter(content.variants.values())).runs)
     note = (
         f"Every start, or 10 000 draws where there are more, for each of {runs} "
@@ -109,52 +100,57 @@ def _learning_table(title: str, content: ExperimentResult) -> ReportTable:
         f"minirobots experiments {content.experiment} --runs {runs} "
         f"--episodes {content.episodes} --seed {content.seed}"
     )
-    return ReportTable(title, note, command, tuple(header), rows)
+    more = ("difference in cm, same seeds",) if differences else ()
+    return ReportTable(title, note, command, header + more, rows)
 
 
-def transfer_tables(results: Path) -> list[ReportTable]:
-    """Return the table of success in co-simulation, by method; none if it was not evaluated."""
-    if not RESULTS["transfer"].exists(results):
-        return []
-    report = read_result("transfer", results, TransferReport)
-    rows = [tuple(column.text(row) for column in _TRANSFER) for row in report.rows]
+def transfer_table(report: TransferReport) -> ReportTable:
+    """Return the table of success in co-simulation, by method."""
     command = f"minirobots transfer --seed {report.seed}"
     for option, of in (("scenarios", "scenario"), ("methods", "policy")):
-        names = dict.fromkeys(getattr(row, of) for row in report.rows)
-        command += f" --{option} {' '.join(names)}"
+        command += f" --{option} {' '.join(dict.fromkeys(getattr(row, of) for row in report.rows))}"
     if max((row.planned for row in report.rows), default=0) <= QUICK_EPISODES:
         command += " --quick"
-    header = tuple(column.heading for column in _TRANSFER)
-    note = (
+    return ReportTable(
+        "Success in co-simulation by training method",
         "Policies in the full dynamics with noise on the measured speeds; shares with 95 % Wilson "
-        "intervals."
+        "intervals.",
+        command,
+        tuple(column.heading for column in _TRANSFER),
+        [tuple(column.text(row) for column in _TRANSFER) for row in report.rows],
     )
-    title = "Success in co-simulation by training method"
-    return [ReportTable(title, note, command, header, rows)]
 
 
-def episode_table(results: Path) -> list[ReportTable]:
-    """Return the table of recorded episodes; none if no episode has been recorded."""
+def episode_table(results: Path) -> ReportTable:
+    """Return the table of recorded episodes, which has no rows if none has been recorded."""
     rows = []
-    for scenario in PAPER:
-        for method in DRIVEN_BY:
-            result = RESULTS[episodes_of(scenario, method)]
-            if not result.exists(results):
-                continue
-            summary: RunSummary = read_result(result.name, results, RunSummary)
-            for number, episode in enumerate(summary.episodes):
-                recording = f"{result.path}/{episode.recording}" if episode.recording else NOTHING
-                lasted, path = f"{episode.sim_time_s:.0f} s", f"{episode.path_length_cm:.1f} cm"
-                name = f"{scenario}-{method}/{number}"
-                rows.append((name, episode.outcome.replace("_", " "), path, lasted, recording))
-    if not rows:
-        return []
+    for scenario, method in product(PAPER, DRIVEN_BY):
+        result = RESULTS[episodes_of(scenario, method)]
+        if not result.exists(results):
+            continue
+        summary: RunSummary = read_result(result.name, results, RunSummary)
+        for number, episode in enumerate(summary.episodes):
+            recording = f"{result.path}/{episode.recording}" if episode.recording else NOTHING
+            lasted, path = f"{episode.sim_time_s:.0f} s", f"{episode.path_length_cm:.1f} cm"
+            name = f"{scenario}-{method}/{number}"
+            rows.append((name, episode.outcome.replace("_", " "), path, lasted, recording))
     note = (
         "Scenario, method and number of the episode, with noise on the motors’ measured speeds. "
         "A recording in the folder of results opens with"
     )
     header = ("episode", "outcome", "path length", "lasted", "recording")
-    return [ReportTable("Episodes", note, "rerun FILE.rrd", header, rows)]
+    return ReportTable("Episodes", note, "rerun FILE.rrd", header, rows)
+
+
+def result_tables(results: Path) -> Iterator[ReportTable]:
+    """Return the tables of all results that exist."""
+    for name, title in _EXPERIMENTS.items():
+        if RESULTS[name].exists(results):
+            yield learning_table(title, read_experiment(name, results))
+    if RESULTS["transfer"].exists(results):
+        yield transfer_table(read_result("transfer", results, TransferReport))
+    if (episodes := episode_table(results)).rows:
+        yield episodes
 
 
 def timing_table(timings: TimingsFile) -> ReportTable:
@@ -173,34 +169,30 @@ def timing_table(timings: TimingsFile) -> ReportTable:
     return ReportTable("Time", note, "minirobots reproduce", header, rows)
 
 
-def parameter_table() -> ReportTable:
-    """Parameters of the co-simulation as `cosim.model.params` has them."""
-    rows = []
-    for name, row in CoSimConfig().table().items():
-        value = f"{row['value']:.6g}" if isinstance(row["value"], float) else str(row["value"])
-        rows.append((name, f"{value} {row['unit']}".strip(), row["description"], row["source"]))
-    header = ("name", "value", "meaning", "source")
-    return ReportTable("Parameters", "SI units.", "cosim/model/params.py", header, rows)
-
-
 def write_report(results: Path, figures: Path, out: Path) -> Path:
     """Write the page and what it needs from folders of results and figures, and return it."""
     if not results.is_dir():
         raise UserError(f"{results}: no such folder; make results with `minirobots reproduce`")
     timings = read_timings(results)
+    brief = timings is not None and timings.profile.get("name") != FULL.name
     pictures = list(_pictures(figures, out))
-    claims = claim_rows(picture["caption"] for picture in pictures)
+    claims = claim_rows((picture["caption"] for picture in pictures), brief=brief)
     write_json(out / CLAIMS, claims)
     content = {
+        "brief": brief,
         "pictures": pictures,
         "claims": claims,
+        "labels": {picture["caption"].figure: picture["label"] for picture in pictures},
         "missing": not_drawn(figures, results, timings),
-        "tables": [*learning_tables(results), *transfer_tables(results), *episode_table(results)],
+        "tables": list(result_tables(results)),
         "profile": timings and timings.profile,
         "timing": timings and timing_table(timings),
-        "parameters": parameter_table(),
+        "parameters": CoSimConfig().table(),
         "versions": versions(),
-        "facts": _facts(),
+        "board_cm": 100.0 * find_scenario("2").size_m[0],
+        "robot": TABLE_I,
+        "clock": TIMING,
+        "noise": SPEED_NOISE.relative_amplitude,
     }
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("analysis.report"),
@@ -215,7 +207,7 @@ def write_report(results: Path, figures: Path, out: Path) -> Path:
 
 def _pictures(figures: Path, out: Path) -> Iterator[dict[str, Any]]:
     """Copy the figures that have been drawn next to the page, in the paper's order."""
-    for name in FIGURES:
+    for name in figure_entries():
         try:
             caption = read_caption(figures, name)
         except FileError:
@@ -232,7 +224,7 @@ def _pictures(figures: Path, out: Path) -> Iterator[dict[str, Any]]:
 def not_drawn(figures: Path, results: Path, timings: TimingsFile | None) -> dict[str, list[str]]:
     """Figures that have not been drawn, with the commands (of a reproduction: its own) for them."""
     commands = {}
-    for name in FIGURES:
+    for name in figure_entries():
         if not (figures / f"{name}.json").is_file():
             needed = [result.command(Path("results")) for result in missing(name, results)]
             if needed and timings:
@@ -241,17 +233,3 @@ def not_drawn(figures: Path, results: Path, timings: TimingsFile | None) -> dict
             drawing = f"minirobots figures {name} --results results --out figures"
             commands[name] = [*needed, drawing]
     return commands
-
-
-def _facts() -> dict[str, str]:
-    """Numbers in the text and the diagram."""
-    scenario = find_scenario("2")
-    numbers = {
-        "diameter_cm": 100.0 * TABLE_I.diameter_m,
-        "board_cm": 100.0 * scenario.columns * scenario.cell_m,
-        "rl_step_s": TIMING.rl_step_s,
-        "control_ms": 1e3 * TIMING.control_period_s,
-        "dt_us": 1e6 * TIMING.dt_s,
-        "noise_percent": 100.0 * SPEED_NOISE.relative_amplitude,
-    }
-    return {name: f"{number:g}" for name, number in numbers.items()}

@@ -79,7 +79,7 @@ class MotorLoop(Command):
     def run(self, progress: Progress) -> Output:
         import numpy as np
 
-        from analysis.figures.style import NOTHING, save, use_style
+        from analysis.figures.style import NOTHING, save
         from analysis.motor import speed_loop as theory
         from analysis.motor.instance import GivenMotor
         from analysis.motor.steps import compare_gains, draw
@@ -88,7 +88,6 @@ class MotorLoop(Command):
         from cosim.model.params import motor_time_constant
         from fmus.build import cached_fmu
 
-        use_style()
         fmu = MotorFmu(self.motor_fmu or cached_fmu("VibrationMotor"))
         at_hand = GivenMotor.of(fmu, validate_unique("motor_parameters", self.motor_parameters))
         motor = at_hand.params

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import tyro
 
-from analysis.reading.results import FIGURES
+from analysis.reading.results import figure_entries
 from cosim.base import command as opt
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
@@ -43,14 +43,14 @@ class Figures(Command):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in self.figures:
-            if name != ALL and name not in FIGURES:
-                choice = ", ".join((ALL, *FIGURES))
+            if name != ALL and name not in figure_entries():
+                choice = ", ".join((ALL, *figure_entries()))
                 raise UserError(f"no figure is called {name}; choose from {choice}")
 
     def run(self, progress: Progress) -> Output:
         from analysis.figures.draw import draw_figures
 
-        names = FIGURES if ALL in self.figures else self.figures
+        names = figure_entries() if ALL in self.figures else self.figures
         drawn, lacking = draw_figures(
             names, self.results, self.out, small=self.small, progress=progress
         )

@@ -464,6 +464,8 @@ class Experiments(Command):
     seed: opt.Seed = 0
     episodes: opt.Count = LearningConfig().episodes
     """Training episodes of a run (Section V: 5 000 000)."""
+    greedy_points: opt.Count = LearningConfig().greedy_points
+    """Exact evaluations of the greedy policy during a run, evenly spread."""
     where: Where = PROCESSES
 
     def subject(self) -> str:

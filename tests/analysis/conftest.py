@@ -1,12 +1,7 @@
 """Shared by the tests of analysis: short real runs of the main command."""
 
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from functools import partial
-from importlib import import_module
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -24,6 +19,7 @@ TINY = Profile(
     name="tiny",
     runs=2,
     train_episodes=3000,
+    greedy_points=6,
     drive_episodes={"paper": 4000, "moves": 20_000},
     single_episodes=1,
     pair_episodes=1,
@@ -38,8 +34,7 @@ def evaluate_seldom(patch):
     """Few evaluations on the way, of groups from few starts: policies so raw circle to the end."""
     patch.setattr("agent.moves.observe.MOVES_PER_KIND", 1)
     patch.setattr("agent.mdp.exact.MAX_STARTS", 1000)  # as many as pairs have, and more
-    for module in ("agent.training.methods", "agent.experiments.run"):
-        patch.setattr(import_module(module), "replace", partial(replace, greedy_points=6))
+    patch.setattr("agent.training.methods.replace", partial(replace, greedy_points=6))
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -92,29 +87,14 @@ def recording(run_folder):
     return run_folder / "episodes" / "ep_000.rrd"
 
 
-@pytest.fixture(scope="session")
-def killed_recording(tmp_path_factory, run_folder):
-    """What a run leaves that was killed while it wrote: kill -9, some RL steps written."""
-    out = tmp_path_factory.mktemp("killed")
-    part = out / "episodes" / "ep_000.rrd.part"
-    command = [sys.executable, "-m", "minirobots", "run", "--scenario", "2", "--out", str(out)]
-    command += ["--policy", str(run_folder / "policy.npz")]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
-        while not (part.is_file() and part.stat().st_size > 2_000_000):
-            assert run.poll() is None
-            time.sleep(0.05)
-        run.send_signal(signal.SIGKILL)
-    assert part.is_file()
-    return part
-
-
 def transfer_row(scenario, policy, success, shield=False, mu=0.15):
     """A row of 50 episodes that end in success or collision; what else is measured is unknown."""
     measured: dict[str, Any] = {}
     for name, share in {"success": success, "collision": 1.0 - success}.items():
         low, high = max(share - 0.1, 0.0), min(share + 0.1, 1.0)
         measured |= {name: share, f"{name}_low": low, f"{name}_high": high}
-    counts = {"episodes": 50, "planned": 50, "starts": 900, "failing_starts": 0}
+    failing = round(50 * (1.0 - success))
+    counts = {"episodes": 50, "planned": 50, "starts": 900, "failing_starts": failing}
     named = {"policy": policy, "scenario": scenario, "shield": shield, "mu": mu}
     return Row(**named, **counts, **measured)
 

@@ -3,11 +3,13 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, get_args
 
 import pytest
 
-from analysis.profiles import QUICK
-from analysis.reading.results import FIGURES, RESULTS
+from agent.experiments.variants import Name, variants_of
+from analysis.profiles import FULL
+from analysis.reading.results import RESULTS, figure_entries
 from analysis.timings import Timings
 from cosim.base.errors import UserError
 from cosim.base.progress import silent
@@ -21,15 +23,21 @@ def out(reproduction):
     return reproduction
 
 
-def test_every_result_figure_and_page_is_made(out):
+def test_every_result_figure_and_page_is_made_and_timed(out):
     results = out / "results"
     assert all(result.exists(results) for result in RESULTS.values())
-    for figure in FIGURES:
+    for figure in figure_entries():
         for ending in (".png", ".pdf", ".json"):
             assert (out / "figures" / f"{figure}{ending}").is_file()
     page = (out / "report" / "index.html").read_text(encoding="utf-8")
     assert "tiny" in page
-    assert all(f'id="{figure}"' in page for figure in FIGURES)
+    assert all(f'id="{figure}"' in page for figure in figure_entries())
+    content = json.loads((results / "timings.json").read_text())
+    assert set(content["stages"]) == {*RESULTS, "figures"}
+    for stage in content["stages"].values():
+        assert (stage["finished"], stage["attempts"]) == (True, 1)
+        assert stage["seconds"] > 0.0
+    assert content["profile"]["name"] == "tiny"
 
 
 def test_report_is_written_again_from_existing_results(out, command):
@@ -44,16 +52,6 @@ def test_report_is_written_again_from_existing_results(out, command):
     after = page.read_text(encoding="utf-8")
     assert [line for line in before.splitlines() if line not in after] == []
     assert timings.read_bytes() == timed
-
-
-def test_timings_are_of_every_stage(out):
-    content = json.loads((out / "results" / "timings.json").read_text())
-    assert set(content["stages"]) == {*RESULTS, "figures"}
-    for stage in content["stages"].values():
-        assert stage["finished"]
-        assert stage["seconds"] > 0.0
-        assert stage["attempts"] == 1
-    assert content["profile"]["name"] == "tiny"
 
 
 def test_finished_stages_are_kept_and_lost_ones_made_again(out, tiny, monkeypatch):
@@ -74,35 +72,46 @@ def test_finished_stages_are_kept_and_lost_ones_made_again(out, tiny, monkeypatc
     assert (kept.stat().st_mtime_ns, policy.stat().st_mtime_ns) == before
 
 
+def test_the_experiment_prints_json_and_keeps_its_runs(out, command):
+    folder = RESULTS["fig08"].location(out / "results")
+    before = json.loads((folder / "results.json").read_text())
+    options = ("--runs", 2, "--episodes", 3000, "--greedy-points", 6, "--jobs", 1, "--json")
+    printed = command("experiments", "fig08", "--out", folder, *options).stdout
+    content = json.loads(printed.splitlines()[-1])
+    assert content["variants"] == before["variants"]
+    assert content["variants"]["1b"]["over_runs"]["success"]["runs"] == 2
+
+
+def test_every_experiment_changes_one_thing_of_the_default():
+    for name in get_args(Name):
+        variants = variants_of(name)
+        distinct = {(v.scenario, v.process, v.learning) for v in variants.values()}
+        assert {v.reference for v in variants.values()} <= {None, *variants}
+        assert len(distinct) == len(variants)
+
+
 def test_other_profiles_and_seeds_are_refused(out, tiny):
-    with pytest.raises(UserError, match="profile tiny, seed 0"):
-        reproduce(out, replace(tiny, runs=3), seed=0, jobs=1, say=print)
-    with pytest.raises(UserError, match="choose another --out"):
-        reproduce(out, tiny, seed=1, jobs=1, say=print)
-    with pytest.raises(UserError, match="--jobs must be at least 1"):
-        Reproduce(out=out, jobs=0).run(silent)
-    with pytest.raises(UserError, match="seed = -1 is invalid: expected int >= 0"):
-        Reproduce(out=out, seed=-1)
-    with pytest.raises(UserError, match="no effect with --report-only"):
-        Reproduce(out=out, report_only=True, quick=True)
+    for profile, seed in ((replace(tiny, runs=3), 0), (tiny, 1)):
+        with pytest.raises(UserError, match=r"profile tiny, seed 0, .* choose another --out"):
+            reproduce(out, profile, seed=seed, jobs=1, say=print)
+    refused: tuple[tuple[dict[str, Any], str], ...] = (
+        ({"jobs": 0}, "--jobs must be at least 1"),
+        ({"seed": -1}, "seed = -1 is invalid: expected int >= 0"),
+        ({"report_only": True, "quick": True}, "no effect with --report-only"),
+    )
+    for options, error in refused:
+        with pytest.raises(UserError, match=error):
+            Reproduce(out=out, **options).run(silent)
 
 
-def test_stages_of_another_version_are_made_again(tmp_path, tiny, monkeypatch):
-    timings = Timings(tmp_path, tiny, seed=0)
-    with timings.stage("fig08"):
-        pass
-    assert timings.finished("fig08")
-    monkeypatch.setattr("agent.training.learning.VERSION", 2)
-    assert not Timings(tmp_path, tiny, seed=0).finished("fig08")
-
-
-def test_interrupted_stage_is_not_finished_and_its_time_counts(tmp_path, tiny):
+def test_a_stage_is_made_again_if_it_was_interrupted_or_is_of_another_version(
+    tmp_path, tiny, monkeypatch
+):
     timings = Timings(tmp_path, tiny, seed=0)
     with pytest.raises(KeyboardInterrupt), timings.stage("fig08"):
         raise KeyboardInterrupt
     assert not timings.finished("fig08")
     first_s = timings.seconds("fig08")
-
     again = Timings(tmp_path, tiny, seed=0)
     assert not again.finished("fig08")
     with again.stage("fig08"):
@@ -111,12 +120,17 @@ def test_interrupted_stage_is_not_finished_and_its_time_counts(tmp_path, tiny):
     assert again.seconds("fig08") >= first_s
     content = json.loads((tmp_path / "timings.json").read_text())
     assert content["stages"]["fig08"]["attempts"] == 2
+    monkeypatch.setattr("agent.training.learning.VERSION", 2)
+    assert not Timings(tmp_path, tiny, seed=0).finished("fig08")
 
 
-def test_the_seed_is_that_of_everything_random():
+def test_amounts_are_those_of_the_page_and_seeds_those_of_everything_random():
     """Training, starts and noise: each command that draws gets the seed as each of its seeds."""
     for result in RESULTS.values():
-        options = vars(command_of(result, Path("x"), QUICK, 7, 1))
+        options = vars(command_of(result, Path("x"), FULL, 7, 1))
+        if result.maker == "experiments":
+            printed = 2_000_000 if result.name == "sequel" else 5_000_000
+            assert (options["runs"], options["episodes"]) == (20, printed)
         options |= vars(options.pop("physics")) if result.maker == "run" else {}
         seeds = {name: value for name, value in options.items() if name.endswith("seed")}
         assert set(seeds.values()) <= {7}, (result.name, seeds)

@@ -13,25 +13,23 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.container import ErrorbarContainer
+from matplotlib.patches import Rectangle
 
 from agent.evaluation.statistics import summarise
 from agent.training.loop import TrainingLog
-from analysis.figures import fig03, learning, motor_cycle, paths, schematics
-from analysis.figures.fig05 import robot_colour
+from analysis.figures import fig03, fig05, learning, motor_cycle, paths, transfer
 from analysis.figures.motor_cycle import Cycle
 from analysis.figures.paths import Track
 from analysis.reading.results import DRIVEN_BY
 from cosim.machine.platform.motion import Motion, PlatformResult
-from cosim.model.scenario_file import find_scenario
+from cosim.model.scenario_file import BUILT_IN, find_scenario
 
 POINTS = 7
 SHARES = {"success", "greedy_success"}
 
 
-def made_up(seed: int, shape: tuple[int, ...] = (POINTS,), **limits: float) -> np.ndarray:
-    return np.random.default_rng(seed).uniform(
-        limits.get("low", 0.0), limits.get("high", 1.0), shape
-    )
+def made_up(seed: int, shape: tuple[int, ...] = (POINTS,), low=0.0, high=1.0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(low, high, shape)
 
 
 def variant(label: str, scenario: str, runs: int, seed: int) -> learning.VariantCurves:
@@ -40,62 +38,44 @@ def variant(label: str, scenario: str, runs: int, seed: int) -> learning.Variant
             name: made_up(seed + 100 * run + k, high=1.0 if name in SHARES else 1000.0)
             for k, name in enumerate(TrainingLog._fields)
         }
-        episodes = {
-            name: 1e5 * np.arange(1, POINTS + 1) * factor
-            for name, factor in (("episode", 1), ("greedy_episode", 2))
-        }
-        return SimpleNamespace(**(curves | episodes))
+        episodes = 1e5 * np.arange(1, POINTS + 1)
+        return SimpleNamespace(**curves | {"episode": episodes, "greedy_episode": 2 * episodes})
 
     return learning.VariantCurves(label, scenario, tuple(log(run) for run in range(runs)))
 
 
-def assert_curves(axes: Any, variants, name: str, factor: float, episode: str) -> None:
+def assert_curves(axes: Any, variants, prefix: str, name: str) -> None:
     """Means are the lines with labels; few runs have a line each, more a band within limits."""
     means = [line for line in axes.lines if not line.get_label().startswith("_")]
     bands: list[Any] = [each for each in axes.collections if isinstance(each, PolyCollection)]
+    factor, most = (100.0, 100.0) if prefix + name in SHARES else (1.0, np.inf)
     for number, (line, each) in enumerate(zip(means, variants, strict=True)):
-        curves = factor * np.stack([getattr(log, name) for log in each.logs])
-        episodes = getattr(each.logs[0], episode) / 1e6
-        np.testing.assert_allclose(
-            line.get_xydata(), np.column_stack([episodes, curves.mean(axis=0)])
-        )
+        curves = factor * np.stack([getattr(log, prefix + name) for log in each.logs])
+        episodes = getattr(each.logs[0], f"{prefix}episode") / 1e6
+        drawn = np.column_stack([episodes, curves.mean(axis=0)])
+        np.testing.assert_allclose(line.get_xydata(), drawn)
         if len(curves) < learning.LEAST_RUNS:
             assert not bands
             runs = [one for one in axes.lines if one.get_color() == line.get_color()][1:]
             np.testing.assert_allclose([one.get_ydata() for one in runs], curves)
         else:
-            drawn = bands[number].get_paths()[0].vertices[:, 1]
-            assert drawn.min() >= 0.0
-            assert drawn.max() <= (100.0 if name in SHARES else np.inf)
-            assert drawn.max() > curves.mean(axis=0).max() or drawn.max() == 100.0
+            heights = bands[number].get_paths()[0].vertices[:, 1]
+            assert 0.0 <= heights.min() < heights.max() <= most
+            assert heights.max() > curves.mean(axis=0).max() or heights.max() == most
 
 
 @pytest.mark.parametrize("runs", [2, 6])
 def test_learning_curves(runs):
     variants = {name: variant(f"c = {name}", "4", runs, 7 * k) for k, name in enumerate("ab")}
     figure: Any = learning.draw_learning_curves(variants)
-    success, path, greedy_success, greedy_path = figure.axes
-    for axes, name, episode in (
-        (success, "success", "episode"),
-        (path, "path_length_cm", "episode"),
-        (greedy_success, "greedy_success", "greedy_episode"),
-        (greedy_path, "greedy_path_length_cm", "greedy_episode"),
-    ):
-        factor = 100.0 if name in SHARES else 1.0
-        assert_curves(axes, variants.values(), name, factor, episode)
-        assert ("%" in axes.get_ylabel()) == (factor == 100.0)
+    panels = [
+        (prefix, name) for prefix in ("", "greedy_") for name in ("success", "path_length_cm")
+    ]
+    for axes, (prefix, name) in zip(figure.axes, panels, strict=True):
+        assert_curves(axes, variants.values(), prefix, name)
+        assert ("%" in axes.get_ylabel()) == (name == "success")
         assert axes.get_ylim()[0] > -60.0
-    assert success.get_ylim() == (-3.0, 103.0)
-
-
-def test_bands_end_at_what_is_possible():
-    axes: Any = plt.figure().add_subplot()
-    rates = np.array([[100.0, 0.0]] * 3 + [[10.0, 90.0], [20.0, 80.0], [30.0, 70.0]])
-    learning.plot_band(axes, np.array([1e6, 2e6]), rates, "x", 100.0)
-    (band,) = axes.collections
-    assert {0.0, 100.0} <= set(band.get_paths()[0].vertices[:, 1])
-    low, high = axes.dataLim.intervaly
-    assert (low, high) == (0.0, 100.0)
+    assert figure.axes[0].get_ylim() == (-3.0, 103.0)
 
 
 @pytest.mark.parametrize("runs", [2, 6])
@@ -105,25 +85,57 @@ def test_learning_curves_by_scenario(runs):
     for column, scenario in enumerate("46"):
         own = [each for each in variants.values() if each.scenario == scenario]
         assert axes[0, column].get_title(loc="left") == f"scenario {scenario}"
-        assert_curves(axes[0, column], own, "greedy_success", 100.0, "greedy_episode")
-        assert_curves(axes[1, column], own, "greedy_path_length_cm", 1.0, "greedy_episode")
+        assert_curves(axes[0, column], own, "greedy_", "success")
+        assert_curves(axes[1, column], own, "greedy_", "path_length_cm")
     assert axes[0, 0].get_ylim() == (-3.0, 103.0)
+
+
+def test_bands_end_at_what_is_possible_and_leave_out_points_without_a_run():
+    axes: Any = plt.figure().add_subplot()
+    rates = np.array([[100.0, 0.0]] * 3 + [[10.0, 90.0], [20.0, 80.0], [30.0, 70.0]])
+    learning.plot_band(axes, np.array([1e6, 2e6]), rates, "x", 100.0)
+    assert {0.0, 100.0} <= set(axes.collections[0].get_paths()[0].vertices[:, 1])
+    assert axes.dataLim.intervaly.tolist() == [0.0, 100.0]
+    axes = plt.figure().add_subplot()
+    curves = np.array([[1.0, np.nan, 3.0], [3.0, np.nan, np.nan]])
+    learning.plot_band(axes, np.array([0.0, 1e6, 2e6]), curves, "x")
+    assert axes.lines[0].get_xydata().tolist() == [[0.0, 2.0], [2.0, 3.0]]
+
+
+def test_thinning_takes_means_without_missing_points():
+    curves = np.arange(2.0 * 10 * learning.POINTS).reshape(2, -1)
+    curves[0, 3] = np.nan
+    episodes, thin = learning.thinned(np.arange(10.0 * learning.POINTS), curves)
+    assert thin.shape == (2, learning.POINTS)
+    assert thin[0, 0] == pytest.approx(np.mean([0, 1, 2, 4, 5, 6, 7, 8, 9]))
+    assert episodes[0] == 4.5
+    short = np.ones((2, 5))
+    assert np.array_equal(learning.thinned(np.arange(5.0), short)[1], short)
+
+
+@pytest.mark.parametrize(
+    ("rates", "after"),
+    [([0.2, 1.0, 0.9, 1.0, 1.0], 4000), ([1.0, 1.0], 1000), ([1.0, 0.5], None)],
+)
+def test_learnt_is_where_success_stays_high(rates, after):
+    episodes = 1000 * np.arange(1, 1 + len(rates))
+    log: Any = SimpleNamespace(greedy_success=np.array(rates), greedy_episode=episodes)
+    assert learning.settled_after(learning.VariantCurves("x", "2", (log,)), 0.99) == after
 
 
 @pytest.mark.parametrize("runs", [3, 8])
 def test_ratios_to_the_optimum(runs):
+    names = "ratio_to_bound", "steps_ratio_to_bound"
+
     def one(seed: int) -> Any:
-        values = [made_up(seed + k, (runs,), low=1.0, high=2.0) for k in range(2)]
-        names = "ratio_to_bound", "steps_ratio_to_bound"
-        of_runs = [
-            SimpleNamespace(**dict(zip(names, pair, strict=True))) for pair in np.transpose(values)
-        ]
-        over = {name: summarise(v, 0.0) for name, v in zip(names, values, strict=True)}
-        return SimpleNamespace(scenario=f"s{seed}", runs=of_runs, over_runs=over)
+        values = {n: made_up(seed + k, (runs,), 1.0, 2.0) for k, n in enumerate(names)}
+        each = [SimpleNamespace(**{n: v[k] for n, v in values.items()}) for k in range(runs)]
+        over = {name: summarise(v, 0.0) for name, v in values.items()}
+        return SimpleNamespace(scenario=f"s{seed}", runs=each, over_runs=over)
 
     variants = {str(seed): one(seed) for seed in (0, 10)}
-    figure: Any = learning._draw_ratios(variants)
-    for axes, name in zip(figure.axes, ("ratio_to_bound", "steps_ratio_to_bound"), strict=True):
+    figure: Any = learning.draw_ratios(variants)
+    for axes, name in zip(figure.axes, names, strict=True):
         means = [each for each in axes.containers if isinstance(each, ErrorbarContainer)]
         assert len(means) == (2 if runs >= learning.LEAST_RUNS else 0)
         dots = [line for line in axes.lines if line.get_marker() == "."]
@@ -136,6 +148,33 @@ def test_ratios_to_the_optimum(runs):
             assert container.lines[0].get_ydata() == pytest.approx([over.mean])
 
 
+def test_success_by_method(row):
+    def heights(axes: Any) -> dict[str, Any]:
+        bars: list[Any] = [each for each in axes.containers if isinstance(each, ErrorbarContainer)]
+        return {bar.get_label(): bar.lines[0].get_ydata().tolist() for bar in bars}
+
+    paper = row("1a", "paper", 0.8), row("2", "paper", 0.6)
+    moves = row("1a", "moves", 1.0), row("2", "moves", 0.9), row("2", "moves", 1.0, shield=True)
+    low_friction, default = transfer.draw([*paper, *moves, row("2", "moves", 0.5, mu=0.1)]).axes
+    assert low_friction.get_title(loc="left") == "µ = 0.1"
+    assert default.get_title(loc="left") == "µ = 0.15"
+    assert heights(low_friction) == {"paper": [], "moves": [50.0], "moves, shield": []}
+    expected = {"paper": [80.0, 60.0], "moves": [100.0, 90.0], "moves, shield": [100.0]}
+    assert heights(default) == expected
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_boards(name):
+    axes: Any = plt.figure().add_subplot()
+    scenario = find_scenario(name)
+    fig05.draw_board(axes, scenario)
+    cells = 1 + sum(len(starts) + 1 for starts in scenario.starts)
+    assert len(axes.patches) == cells + len(scenario.obstacles)
+    squares = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+    dark = {square.get_xy() for square in squares if square.get_alpha() == 0.8}
+    assert dark == set(scenario.obstacles)
+
+
 def track(seed: int, robots: int, outcome: str) -> Track:
     times = np.arange(0.0, 30.0, 1.0)
     positions = tuple(made_up(seed + k, (len(times), 2), high=0.3) for k in range(robots))
@@ -145,12 +184,13 @@ def track(seed: int, robots: int, outcome: str) -> Track:
 def test_paths_of_one_robot():
     axes: Any = plt.figure().add_subplot()
     tracks = [track(0, 1, "success"), track(5, 1, "collision")]
-    paths._draw_tracks(axes, find_scenario("1a"), tracks)
-    for line, each, style in zip(axes.lines[::2], tracks, "-:", strict=True):
-        np.testing.assert_array_equal(line.get_xydata(), 100.0 * each.positions_m[0])
-        assert (line.get_linestyle(), line.get_color()) == (style, robot_colour(0))
-    for line, each in zip(axes.lines[1::2], tracks, strict=True):
-        np.testing.assert_array_equal(line.get_xydata(), 100.0 * each.positions_m[0][[10, 20]])
+    paths.draw_tracks(axes, find_scenario("1a"), tracks)
+    lines = zip(axes.lines[::2], axes.lines[1::2], tracks, "-:", strict=True)
+    for line, marks, each, style in lines:
+        (position,) = each.positions_m
+        np.testing.assert_array_equal(line.get_xydata(), 100.0 * position)
+        assert (line.get_linestyle(), line.get_color()) == (style, fig05.robot_colour(0))
+        np.testing.assert_array_equal(marks.get_xydata(), 100.0 * position[[10, 20]])
 
 
 def test_paths_and_distances_of_pairs():
@@ -159,48 +199,41 @@ def test_paths_and_distances_of_pairs():
         for m, method in enumerate(DRIVEN_BY)
         for k, name in enumerate(paths.PAIRS)
     }
-    grid: Any = np.reshape(np.array(paths._draw_pairs(tracks).axes, dtype=object), (3, 3))
+    grid: Any = np.reshape(np.array(paths.draw_pairs(tracks).axes, dtype=object), (3, 3))
     for (name, method), found in tracks.items():
-        column, row = paths.PAIRS.index(name), DRIVEN_BY.index(method)
-        for robot in (0, 1):
-            line = grid[row, column].lines[2 * robot]
-            np.testing.assert_array_equal(line.get_xydata(), 100.0 * found[0].positions_m[robot])
-            assert line.get_color() == robot_colour(robot)
-        drawn = [
-            each for each in grid[2, column].lines if each.get_linestyle() == paths.STYLES[method]
-        ]
+        boards = grid[:, paths.PAIRS.index(name)]
+        lines = boards[DRIVEN_BY.index(method)].lines[::2]
+        for robot, (line, position) in enumerate(zip(lines, found[0].positions_m, strict=True)):
+            np.testing.assert_array_equal(line.get_xydata(), 100.0 * position)
+            assert line.get_color() == fig05.robot_colour(robot)
+        drawn = [line for line in boards[2].lines if line.get_linestyle() == paths.STYLES[method]]
         for line, each in zip(drawn, found, strict=False):
             x, y = (each.positions_m[0] - each.positions_m[1]).T
-            np.testing.assert_allclose(
-                line.get_xydata(), np.column_stack([each.times_s, 100.0 * np.hypot(x, y)])
-            )
+            over_time = np.column_stack([each.times_s, 100.0 * np.hypot(x, y)])
+            np.testing.assert_allclose(line.get_xydata(), over_time)
 
 
 def test_a_turn_of_the_motors():
-    theta = np.column_stack([np.linspace(1.0, 7.5, 20), np.linspace(0.0, -6.5, 20)])
-    arrays = {name: made_up(k, (20,)) for k, name in enumerate(Cycle._fields)}
-    arrays |= {
-        "omega": made_up(50, (20, 2), low=1.0),
-        "normal_n": made_up(60, (20, 3)),
-        "theta": theta,
+    sizes = {"omega": (20, 2), "normal_n": (20, 3), "lifted": (20, 3), "slides": (20, 3)}
+    arrays: dict[str, Any] = {
+        name: made_up(k, sizes.get(name, (20,)), 0.1) for k, name in enumerate(Cycle._fields)
     }
-    cycle = Cycle(**{**arrays, "robot": "r1", "apart_rad": 0.1, "impact_n_s": 0.2})
+    arrays["theta"] = np.column_stack([np.linspace(1.0, 7.5, 20), np.linspace(0.0, -6.5, 20)])
+    cycle = Cycle(**arrays | {"robot": "r1", "apart_rad": 0.1, "impact_n_s": 0.2})
     figure: Any = motor_cycle.draw(cycle)
-    force, load, speed, distance = figure.axes
     expected = (
-        (force, {"driving force": cycle.driving_n, "friction": cycle.friction_n}),
-        (load, {f"foot {name}": cycle.normal_n[:, k] for k, name in enumerate("ABC")}),
-        (speed, {f"motor {name}": cycle.omega[:, k] for k, name in enumerate("DE")}),
-        (distance, {distance.lines[0].get_label(): 1e6 * cycle.ahead_m}),
+        {"driving force": cycle.driving_n, "friction": cycle.friction_n},
+        {f"foot {name}": cycle.normal_n[:, k] for k, name in enumerate("ABC")},
+        {f"motor {name}": cycle.omega[:, k] for k, name in enumerate("DE")},
+        {"_child0": 1e6 * cycle.ahead_m},
     )
-    for axes, curves in expected:
-        drawn = {line.get_label(): line.get_xydata() for line in axes.lines}
+    for axes, curves in zip(figure.axes, expected, strict=True):
+        drawn = {line.get_label(): line for line in axes.lines}
         assert drawn.keys() == curves.keys()
         for label, curve in curves.items():
-            np.testing.assert_allclose(
-                drawn[label], np.column_stack([np.rad2deg(theta[:, 0]), curve])
-            )
-    held = force.collections[0].get_paths()[0].vertices[:, 1]
+            np.testing.assert_allclose(drawn[label].get_xdata(), np.rad2deg(cycle.theta[:, 0]))
+            np.testing.assert_allclose(drawn[label].get_ydata(), curve)
+    held = figure.axes[0].collections[0].get_paths()[0].vertices[:, 1]
     assert (held.max(), held.min()) == (cycle.holds_n.max(), -cycle.holds_n.max())
 
 
@@ -209,26 +242,19 @@ def test_motion_of_the_platform():
 
     def motion(seed: int) -> Motion:
         arrays = [made_up(seed + k, (31,)) for k in range(4)]
-        numbers = [np.array(value + seed) for value in (300.0, 0.5, 2e-3)]
-        return Motion(turns, *arrays, *numbers)
+        return Motion(turns, *arrays, *(np.array(value + seed) for value in (300.0, 0.5, 2e-3)))
 
-    result = PlatformResult(motion(0), motion(20), None)  # pyright: ignore[reportArgumentType]
-    figure: Any = fig03.draw(result)
-    axes = figure.axes
-    for row, each in zip((axes[:3], axes[3:]), (result.paper, result.table_ii), strict=True):
+    motions = motion(0), motion(20)
+    figure: Any = fig03.draw(PlatformResult(*motions, None))  # pyright: ignore[reportArgumentType]
+    for row, each in zip((figure.axes[:3], figure.axes[3:]), motions, strict=True):
         factor = 1e3 if each.net_displacement_m >= 1e-4 else 1e6
-        over_time = np.column_stack([1e3 * each.time_s, factor * each.position_m])
+        position, force = factor * each.position_m, each.driving_force_n
+        over_time = np.column_stack([1e3 * each.time_s, position])
         np.testing.assert_allclose(row[0].lines[0].get_xydata(), over_time)
-        last = factor * (each.position_m[20:] - each.position_m[20])
-        np.testing.assert_allclose(row[1].lines[0].get_ydata(), last)
+        np.testing.assert_allclose(row[1].lines[0].get_ydata(), position[20:] - position[20])
         assert row[1].texts[1].get_text().startswith(f"{factor * each.net_displacement_m:.3g}")
-        first = np.column_stack([np.rad2deg(turns[:11]), each.driving_force_n[:11]])
-        np.testing.assert_allclose(row[2].lines[0].get_xydata(), first)
+        over_angle = np.column_stack([np.rad2deg(turns[:11]), force[:11]])
+        np.testing.assert_allclose(row[2].lines[0].get_xydata(), over_angle)
         held = row[2].collections[0].get_paths()[0].vertices[:, 1]
         assert held.max() == each.friction_limit_n[:11].max()
         assert f"ω = {each.omega_rad_s:.0f} rad/s, µ = {each.mu:g}" in row[0].get_title(loc="left")
-
-
-@pytest.mark.parametrize("make", [schematics.fig02, schematics.fig04, schematics.fig06])
-def test_captions_are_text_without_mathematics_of_tex(make, tmp_path):
-    assert "$" not in make(tmp_path).caption.text()

@@ -1,4 +1,4 @@
-"""Recordings read back: whole, cut, and left by a killed writer; and what is said of them."""
+"""Recordings read back: whole and cut; and what is said of them."""
 
 import json
 import shutil
@@ -11,7 +11,7 @@ import analysis
 from analysis.reading.findings import find, intervals, sliding
 from cosim.base.errors import FileError
 from cosim.model.config import CoSimConfig
-from cosim.model.params import TABLE_II, TIMING
+from cosim.model.params import TABLE_II
 from cosim.recording.reader import DrivenMove, Signal, Texts, _moves, read_episode, read_rrd
 
 
@@ -38,21 +38,7 @@ def test_episode_says_what_was_run(episode, run_folder):
     assert episode.parameter("V_s_max") == TABLE_II.V_s_max
 
 
-def test_signals_are_arrays_in_order_of_time(episode):
-    omega = episode.signals["/sim/r1/motors/omega"]
-    assert omega.components == ("D", "E")
-    assert omega.values.shape == (8000, 2)
-    assert omega.time_s == pytest.approx(TIMING.control_period_s * np.arange(1, 8001), abs=1e-9)
-    raw = episode.signals["/raw/r2/omega"]
-    assert np.diff(raw.time_s).min() == pytest.approx(TIMING.dt_s, abs=1e-9)
-    assert (omega.unit, episode.signals["/world/r1/robot:translation"].unit) == ("rad/s", "m")
-    for path, signal in episode.signals.items():
-        assert (np.diff(signal.time_s) >= 0.0).all(), path
-        assert len(signal.time_s) == len(signal.values), path
-        assert signal.unit or not path.startswith(("/sim/", "/raw/", "/rl/")), path
-
-
-def test_names_of_signals_may_be_short(episode):
+def test_names_of_signals_may_be_short_and_missing_ones_are_named(episode):
     for short, path in (
         ("r1/motors/omega", "/sim/r1/motors/omega"),
         ("r2/position", "/sim/r2/position"),  # and /raw/r2/position
@@ -62,6 +48,12 @@ def test_names_of_signals_may_be_short(episode):
         assert episode.signals[short] is episode.signals[path]
     assert "r3/position" not in episode.signals
     assert all(path.startswith("/") for path in episode.signals)
+    with pytest.raises(KeyError, match=r"signal r1/motor/omega; .* r1/mo"):
+        episode.signals["r1/motor/omega"]
+    with pytest.raises(KeyError, match=r"signal qqq; record .*defaults"):
+        episode.signals["qqq"]
+    with pytest.raises(FileError, match="lacks its parameter nothing"):
+        episode.parameter("nothing")
 
 
 def test_an_episode_is_saved_under_another_name_and_nothing_is_lost(recording, episode, tmp_path):
@@ -73,66 +65,40 @@ def test_an_episode_is_saved_under_another_name_and_nothing_is_lost(recording, e
         episode.save(saved)
 
 
-def test_signals_agree_with_each_other(episode):
-    """Burst and control-period samples at the same times are the same numbers."""
-    slow, raw = (episode.signals[f"/{rate}/r1/{name}"] for rate, name in
-                 (("sim", "motors/omega"), ("raw", "omega")))  # fmt: skip
-    _, i, j = np.intersect1d(
-        np.round(1e9 * slow.time_s), np.round(1e9 * raw.time_s), return_indices=True
-    )
-    assert len(i) >= 4 * 8  # bursts of 9 ms at least
-    np.testing.assert_array_equal(slow.values[i], raw.values[j])
-    position = episode.signals["/world/r1/robot:translation"]
-    assert position.values[-1, 2] == pytest.approx(0.015, abs=1e-3)
-
-
-def test_missing_signals_and_parameters_are_named(episode):
-    with pytest.raises(match=r"signal r1/motor/omega; .* r1/mo"):
-        episode.signals["r1/motor/omega"]
-    with pytest.raises(KeyError, match=r"signal qqq; record .*defaults"):
-        episode.signals["qqq"]
-    with pytest.raises(match="lacks its parameter nothing"):
-        episode.parameter("nothing")
-
-
-def test_recording_of_a_killed_run_is_read(killed_recording):
-    episode = read_episode(killed_recording)
-    assert not episode.complete
-    assert episode.outcome == ""
-    assert episode.time_s >= TIMING.rl_step_s
-    assert len(episode.signals["/sim/r1/motors/omega"].time_s) >= 2000
-
-
-def test_recording_cut_in_the_middle_is_read(recording, episode, tmp_path):
-    cut = tmp_path / "cut.rrd"
+@pytest.fixture(scope="module")
+def cut_recording(recording, tmp_path_factory):
+    """What is there of the recording if its writer was stopped before its end."""
+    cut = tmp_path_factory.mktemp("cut") / "ep_000.rrd.part"
     shutil.copy(recording, cut)
     with cut.open("r+b") as file:
         file.truncate(int(0.8 * recording.stat().st_size))
-    part = read_episode(cut)
-    assert not part.complete
-    assert part.path == cut
+    return cut
+
+
+def test_recording_cut_in_the_middle_is_read(cut_recording, episode):
+    part = read_episode(cut_recording)
+    assert (part.complete, part.outcome, part.path) == (False, "", cut_recording)
     assert part.recording_id == episode.recording_id
-    whole = episode.signals["/raw/r1/omega"]
-    held = part.signals["/raw/r1/omega"]
-    assert 0 < len(held.time_s) <= len(whole.time_s)
-    np.testing.assert_array_equal(held.values, whole.values[: len(held.values)])
+    whole, held = (e.signals["/raw/r1/omega"].values for e in (episode, part))
+    assert 0 < len(held) <= len(whole)
+    np.testing.assert_array_equal(held, whole[: len(held)])
 
 
 def test_what_is_no_episode_is_refused_in_one_sentence(tmp_path, run_folder):
-    with pytest.raises(match=r"no such recording; name an \.rrd file"):
-        read_episode(tmp_path / "none.rrd")
     (tmp_path / "left.rrd.part").touch()
-    with pytest.raises(match=r"its writer left .*left\.rrd\.part"):
-        read_episode(tmp_path / "left.rrd")
-    for path, what in ((Path("/dev/null"), "a device"), (tmp_path, "a folder")):
-        with pytest.raises(match=f"{path}: {what}, no recording"):
+    (tmp_path / "empty.rrd").touch()
+    (tmp_path / "broken.rrd").write_bytes(b"RRF2 and then nothing of use")
+    for path, error in (
+        (tmp_path / "none.rrd", r"no such recording; name an \.rrd file"),
+        (tmp_path / "left.rrd", r"its writer left .*left\.rrd\.part"),
+        (Path("/dev/null"), "/dev/null: a device, no recording"),
+        (tmp_path, "a folder, no recording"),
+        (tmp_path / "empty.rrd", "not a readable Rerun recording"),
+        (tmp_path / "broken.rrd", "not a readable Rerun recording"),
+    ):
+        with pytest.raises(FileError, match=error):
             read_episode(path)
-    for content in (b"", b"RRF2 and then nothing of use"):
-        broken = tmp_path / "broken.rrd"
-        broken.write_bytes(content)
-        with pytest.raises(match="not a readable Rerun recording"):
-            read_episode(broken)
-    with pytest.raises(match="holds no episode"):
+    with pytest.raises(FileError, match="holds no episode"):
         read_episode(run_folder / "training.rrd")
     training = read_rrd(run_folder / "training.rrd")
     assert training.complete
@@ -173,15 +139,14 @@ def test_findings_say_when_and_what(episode):
     assert not any(kind in {"near miss", "collision"} for kind, _ in findings)
 
 
-def test_inspect_prints_a_page_and_json(recording, killed_recording, command):
+def test_inspect_prints_a_page_and_json(recording, cut_recording, command):
     page = command("inspect", recording, "--parameters", "--json").stdout
     content = json.loads(page.splitlines()[-1])
     assert content["outcome"] == "timeout"
     assert content["robots"]["r1"]["moves"] >= 1
     row = next(r for r in content["signals"] if r["signal"] == "/sim/r1/motors/omega")
-    assert (row["component"], row["unit"], row["samples"], row["period_s"]) == (
-        "D", "rad/s", 8000, 0.001,
-    )  # fmt: skip
+    expected = {"component": "D", "unit": "rad/s", "samples": 8000, "period_s": 0.001}
+    assert row | expected == row
     for text in ("outcome timeout", "voltage saturation", "V_s_max", "motors/omega_des"):
         assert text in page
-    assert "its writer was stopped" in command("inspect", killed_recording).stdout
+    assert "its writer was stopped" in command("inspect", cut_recording).stdout

@@ -9,9 +9,10 @@ import msgspec
 import pytest
 from markupsafe import escape
 
+from agent.study.studies import TransferReport
 from analysis.figures.style import Caption, read_caption, write_caption
-from analysis.reading.results import FIGURES
-from analysis.report.page import not_drawn, transfer_tables, write_report
+from analysis.reading.results import figure_entries
+from analysis.report.page import not_drawn, transfer_table, write_report
 from analysis.timings import TimingsFile
 from cosim.base.errors import UserError
 
@@ -32,14 +33,20 @@ def hostile(reproduction, tmp_path):
 
 def test_page_shows_figures_tables_and_recordings(reproduction, tiny):
     page = (reproduction / "report" / "index.html").read_text(encoding="utf-8")
-    captions = [read_caption(reproduction / "figures", name) for name in ("fig03", "fig08")]
-    for caption in captions:
+    for name in ("fig03", "fig08"):
+        caption = read_caption(reproduction / "figures", name)
         assert str(escape(caption.title)) in page
         assert str(escape(caption.ours[0])) in page
     assert "<td>episodes/4-moves/episodes/ep_000.rrd</td>" in page
     for label in ("scenario 1a", "scenario 4", "c = 1.5", "1a-paper/0", "4-moves/0", "dt_s"):
         assert label in page
     assert f"--runs {tiny.runs} --episodes {tiny.train_episodes} --seed 0" in page
+    links = re.findall(r'(?:href|src)="([^"#][^"]*)"', page)
+    files = {link for link in links if not link.startswith("data:")}
+    assert len(files) > 20
+    for file in files:
+        assert (reproduction / "report" / file).is_file()
+        assert ":" not in file  # nothing from another machine
 
 
 def test_claims_are_those_of_the_docs_in_their_order(reproduction):
@@ -56,27 +63,19 @@ def test_claims_are_those_of_the_docs_in_their_order(reproduction):
         assert row["ours"]
         assert row["verdict"]
         cells = "</th><td>".join(str(escape(row[name])) for name in ("paper", "ours"))
-        assert f"{cells}</td><td>{row['verdict']}</td>" in page
+        brief = "brief: " if row["figure"] else ""
+        assert f"{cells}</td><td>{brief}{row['verdict']}</td>" in page
+        assert row["brief"] == bool(brief)
         assert f'id="{row["figure"]}"' in page or row in rows[-2:]
-    assert page.count("Brief results, which test no claim.") == len(FIGURES) + 1
+    assert page.count("Brief results, which test no claim.") == len(figure_entries()) + 1
 
 
 def test_captions_are_escaped_and_missing_figures_named(hostile):
     assert HOSTILE not in hostile
     assert str(escape(HOSTILE)) in hostile
     assert "Five of them." in hostile
-    for figure in FIGURES:
+    for figure in figure_entries():
         assert (f"minirobots figures {figure} " in hostile) == (figure != "fig05")
-
-
-def test_all_that_the_page_links_to_is_there(reproduction):
-    page = (reproduction / "report" / "index.html").read_text(encoding="utf-8")
-    links = re.findall(r'(?:href|src)="([^"#][^"]*)"', page)
-    files = {link for link in links if not link.startswith("data:")}
-    assert len(files) > 20
-    for file in files:
-        assert (reproduction / "report" / file).is_file()
-        assert ":" not in file  # nothing from another machine
 
 
 def test_empty_and_damaged_results(tmp_path):
@@ -95,16 +94,20 @@ def test_empty_and_damaged_results(tmp_path):
         write_report(empty, tmp_path / "figures", tmp_path / "report")
 
 
-def test_transfer_is_a_table_with_intervals(row, write_transfer):
-    (table,) = transfer_tables(write_transfer(row("4", "moves", 0.85)))
-    (cells,) = table.rows
-    assert cells[:6] == ("4", "moves", "0.15", "off", "50", "85.0% [75.0, 95.0]")
-    assert cells[-1] == "–"
-    assert len(cells) == len(table.header)
-    assert table.command == "minirobots transfer --seed 0 --scenarios 4 --methods moves"
+def test_transfer_is_a_table_with_intervals(row):
     few = msgspec.structs.replace(row("2", "moves", 1.0), planned=2)
-    (table,) = transfer_tables(write_transfer(few))
-    assert table.command.endswith("--scenarios 2 --methods moves --quick")
+    for rows, ending in (
+        ((row("4", "moves", 0.85),), "--scenarios 4 --methods moves"),
+        ((few,), "--scenarios 2 --methods moves --quick"),
+    ):
+        report = TransferReport(seed=0, rows=rows, episode_wall_s=1.0, simulated=50, goals=())
+        table = transfer_table(report)
+        assert table.command == f"minirobots transfer --seed 0 {ending}"
+        (cells,) = table.rows
+        assert len(cells) == len(table.header)
+        assert cells[-1] == "–"
+        if few not in rows:
+            assert cells[:6] == ("4", "moves", "0.15", "off", "50", "85.0% [75.0, 95.0]")
 
 
 def test_what_a_reproduction_has_not_drawn_is_made_by_its_command(tmp_path):
