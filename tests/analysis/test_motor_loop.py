@@ -4,6 +4,7 @@ import json
 import math
 import subprocess
 import sys
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -161,36 +162,32 @@ def test_plots_of_the_loop_show_its_curves():
     """Each curve is compared with Eq. (13) and (14) in the frequency domain, and each step."""
     motor, omega_des = TABLE_II, 500.0
     proposed, _ = propose(motor, omega_des)
-    measured = np.array([0.9, 0.5 - 0.5j, -0.1j])
+    frequencies, measured = np.array([10.0, 100.0, 1e3]), np.array([0.9, 0.5 - 0.5j, -0.1j])
     risen = rise(np.arange(3.0), np.ones(3), 1.0)
     shapes = (np.arange(6.0).reshape(2, 3) + shift for shift in (0.0, 10.0, 20.0))
     rows = [steps.StepResponse(0.0, 0.0, True, risen, *shape) for shape in shapes]
-    figure: Any = steps.draw(
-        motor, proposed, np.array([10.0, 100.0, 1e3]), measured, rows, omega_des
-    )
-    opened, closed, speed, open_phase, closed_phase, voltage = figure.axes
-
-    def curve(axes, number):
-        return np.asarray(axes.lines[number].get_ydata())
-
-    s = 1j * np.asarray(opened.lines[0].get_xdata())
+    figure: Any = steps.draw(motor, proposed, frequencies, measured, rows, omega_des)
+    curves = [[line.get_ydata() for line in axes.lines] for axes in figure.axes]
+    opened, closed, speed, open_phase, closed_phase, voltage = curves
+    s = 1j * np.asarray(figure.axes[0].lines[0].get_xdata())
     plant = motor.K_T / (motor.J * motor.R * s + motor.b * motor.R + motor.K_T**2)
-    for number, pi in enumerate((motor, proposed)):
-        loop = (pi.K_p + pi.K_i / s) * plant
-        index = 2 * number  # a line marks the crossover after each curve
-        np.testing.assert_allclose(curve(opened, index), 20 * np.log10(abs(loop)), atol=1e-6)
-        np.testing.assert_allclose(curve(open_phase, number), np.rad2deg(np.angle(loop)))
-        whole = loop / (1.0 + loop)
-        np.testing.assert_allclose(curve(closed, index), 20 * np.log10(abs(whole)), atol=1e-6)
-        np.testing.assert_allclose(curve(closed_phase, number), np.rad2deg(np.angle(whole)))
+    loops = [(pi.K_p + pi.K_i / s) * plant for pi in (motor, proposed)]
+    wholes = [loop / (1.0 + loop) for loop in loops]
     at_rest = motor.K_T / (motor.b * motor.R + motor.K_T**2)
-    np.testing.assert_allclose(curve(closed, 4), 20 * np.log10(abs(plant) / at_rest), atol=1e-6)
-    np.testing.assert_allclose(curve(closed, 5), 20 * np.log10(abs(measured)))
-    np.testing.assert_allclose(curve(closed_phase, 2), np.rad2deg(np.angle(measured)))
-    for number, row in enumerate(rows[:2]):
-        np.testing.assert_array_equal(curve(speed, 1 + number), row.omega)
-        np.testing.assert_array_equal(curve(voltage, number), row.voltage)
-    labels = [text.get_text() for text in speed.get_legend().get_texts()]
+    # A line marks crossover and bandwidth after each curve of a loop.
+    for drawn, expected in (
+        (opened[:4:2], loops),
+        (closed[:4:2], wholes),
+        (closed[4:], (plant / at_rest, measured)),
+    ):
+        for curve, response in zip(drawn, expected, strict=True):
+            np.testing.assert_allclose(curve, 20 * np.log10(abs(response)), atol=1e-6)
+    for drawn, expected in ((open_phase[:2], loops), (closed_phase, (*wholes, measured))):
+        for curve, response in zip(drawn, expected, strict=True):
+            np.testing.assert_allclose(curve, np.rad2deg(np.angle(response)))
+    for drawn, name in ((speed[1:3], "omega"), (voltage[:2], "voltage")):
+        np.testing.assert_array_equal(drawn, [getattr(row, name) for row in rows[:2]])
+    labels = [text.get_text() for text in figure.axes[2].get_legend().get_texts()]
     assert labels == ["theory", "FMU", "proposed"]
 
 
@@ -261,18 +258,19 @@ def test_fig_7_is_that_of_the_motor_in_the_recording(motor_fmu, tmp_path):
 def test_fig_7_draws_each_signal_of_each_loop(recording):
     responses, _ = read(recording)
     figure: Any = fig07.draw(responses)
-    whole, first = np.reshape(np.array(figure.axes, dtype=object), (3, 2)).T
-    for column, until_s in ((whole, 6.0), (first, fig07.START_S)):
-        for loop, response in responses.items():
-            shown = response.time_s <= until_s
-            for axes, signal in zip(column, ("omega", "voltage"), strict=False):
-                (line,) = (each for each in axes.lines if each.get_color() == fig07.COLOURS[loop])
-                drawn = np.column_stack([response.time_s[shown], getattr(response, signal)[shown]])
-                np.testing.assert_array_equal(line.get_xydata(), drawn)
-        closed = responses["closed_loop"]
-        expected = 1e6 * closed.disturbance[closed.time_s <= until_s]
-        np.testing.assert_array_equal(column[2].lines[0].get_ydata(), expected)
-    labels = [text.get_text() for text in whole[0].get_legend().get_texts()]
+    columns = np.reshape(np.array(figure.axes, dtype=object), (3, 2)).T
+    closed = responses["closed_loop"]
+    for column, until_s in zip(columns, (6.0, fig07.START_S), strict=True):
+        early = closed.time_s <= until_s
+        for (loop, response), (axes, signal) in product(
+            responses.items(), zip(column[:2], ("omega", "voltage"), strict=True)
+        ):
+            (line,) = (each for each in axes.lines if each.get_color() == fig07.COLOURS[loop])
+            drawn = np.column_stack([response.time_s, getattr(response, signal)])[early]
+            np.testing.assert_array_equal(line.get_xydata(), drawn)
+        disturbance = column[2].lines[0].get_ydata()
+        np.testing.assert_array_equal(disturbance, 1e6 * closed.disturbance[early])
+    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert labels == ["open loop", "closed loop", "set point"]
 
 
