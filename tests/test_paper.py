@@ -5,6 +5,7 @@ Those that take minutes are marked slow.
 
 import math
 import re
+import runpy
 from pathlib import Path
 
 import pytest
@@ -30,7 +31,9 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import FIG_3, FIG_7
 from cosim.model.scenario_file import PAPER, find_scenario
 
-PAGE = " ".join((Path(__file__).parents[1] / "docs" / "paper.md").read_text("utf-8").split())
+ROOT = Path(__file__).parents[1]
+INSERT = runpy.run_path(str(ROOT / ".ci" / "numbers.py"))["on_page_markdown"]
+PAGE = " ".join(INSERT((ROOT / "docs" / "paper.md").read_text("utf-8")).split())
 EPISODES = 5_000_000
 RUNS = 20
 
