@@ -11,7 +11,7 @@ from cosim.model.scenario_file import PAPER
 
 @dataclass(frozen=True)
 class Profile:
-    """Amounts of a reproduction.
+    """Amounts of a reproduction; by default those of the paper and of the pages.
 
     Attributes:
         name: for people.
@@ -29,16 +29,16 @@ class Profile:
     """
 
     name: str
-    runs: int
-    train_episodes: int
-    single_episodes: int
-    pair_episodes: int
-    transfer_scenarios: tuple[str, ...]
-    transfer_quick: bool
+    runs: int = 20  # Section V
+    train_episodes: int = LearningConfig().episodes
     greedy_points: int = LearningConfig().greedy_points
     drive_episodes: Mapping[str, int] = field(default_factory=dict)
+    single_episodes: int = SINGLE_EPISODES
+    pair_episodes: int = PAIR_EPISODES
     episode_limit_s: float = TIMING.episode_limit_s
+    transfer_scenarios: tuple[str, ...] = tuple(PAPER)
     transfer_methods: tuple[MethodName, ...] = COMPARED
+    transfer_quick: bool = False
 
     def episodes_of(self, experiment: str) -> int:
         """Return the training episodes of a run of an experiment."""
@@ -46,16 +46,7 @@ class Profile:
         return min(self.train_episodes, most)
 
 
-FULL = Profile(
-    name="full",
-    runs=20,  # Section V
-    train_episodes=LearningConfig().episodes,
-    single_episodes=SINGLE_EPISODES,
-    pair_episodes=PAIR_EPISODES,
-    transfer_scenarios=tuple(PAPER),
-    transfer_quick=False,
-)
-
+FULL = Profile("full")
 # Episodes after which a policy reaches its targets; intervals take more than one run.
 QUICK = Profile(
     name="quick",

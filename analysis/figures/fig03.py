@@ -66,15 +66,12 @@ def draw(result: PlatformResult) -> Figure:
 
 def drawing_of(result: PlatformResult, drive: str = "") -> Drawing:
     """Return the figure of a result; `drive` says what a turn of a calibrated robot gives."""
-    numbers = {
-        f"{name}_{quantity}": factor * float(getattr(getattr(result, name), field))
-        for name in TITLES
-        for quantity, field, factor in (
-            ("step_um", "net_displacement_m", 1e6),
-            ("omega_rad_s", "omega_rad_s", 1.0),
-            ("mu", "mu", 1.0),
-        )
-    }
+    numbers: dict[str, float] = {}
+    for name in TITLES:
+        motion: Motion = getattr(result, name)
+        numbers[f"{name}_step_um"] = 1e6 * float(motion.net_displacement_m)
+        numbers[f"{name}_omega_rad_s"] = float(motion.omega_rad_s)
+        numbers[f"{name}_mu"] = float(motion.mu)
     table = result.table
     row = int(np.argmin(np.abs(table.mu - numbers["table_ii_mu"])))
     slip, drift = map(float, table.slip_and_drift_speed_rad_s[row])

@@ -147,9 +147,8 @@ def draw(
     for axes in grid[1, :2]:
         axes.set_xlabel("angular frequency in rad/s")
     grid[0, 0].set_ylabel("magnitude in dB")
-    grid[1, 0].set_ylabel("phase in degrees")
+    grid[1, 0].set(ylabel="phase in degrees", ylim=(-190.0, 10.0))
     grid[1, 0].axhline(-180.0, color=GREY, linewidth=0.8)
-    grid[1, 0].set_ylim(-190.0, 10.0)
     margins = (f"{name} {merit.phase_margin_deg:.1f}°" for name, merit in merits.items())
     grid[1, 0].text(
         0.97, 0.95, "phase margin\n" + "\n".join(margins), ha="right", va="top",

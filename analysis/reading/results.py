@@ -102,23 +102,14 @@ RESULTS: dict[str, Result] = {
             "motor_test", "motor in open and closed loop (Fig. 7)", "motor_test.rrd", "motor-test"
         ),
         Result(
-            "calibration",
-            "motor speeds calibrated to motion",
-            "calibration",
-            "calibrate",
-            "calibration.npz",
+            "calibration", "calibration of speeds", "calibration", "calibrate", "calibration.npz"
         ),
         *(_episodes(scenario, method) for scenario in PAPER for method in DRIVEN_BY),
         _experiment("fig08", "training of one robot (Fig. 8)"),
         _experiment("fig11", "training of pairs (Fig. 11)"),
         _experiment("fig10", "training with values of c (Fig. 10)"),
         Result("transfer", "success in co-simulation", "transfer", "transfer", "transfer.json"),
-        _experiment(
-            "sequel",
-            "training of groups, as in the paper's sequel",
-            "--episodes",
-            str(SEQUEL_EPISODES),
-        ),
+        _experiment("sequel", "training of groups (sequel)", "--episodes", str(SEQUEL_EPISODES)),
     )
 }
 
