@@ -19,18 +19,6 @@ from cosim.base.errors import UserError
 HOSTILE = "<script>alert('claim')</script>"
 
 
-@pytest.fixture
-def hostile(reproduction, tmp_path):
-    """Report of the session's results with one figure only, whose caption is an attack."""
-    figures = tmp_path / "figures"
-    figures.mkdir()
-    for ending in (".png", ".pdf"):
-        shutil.copy(reproduction / "figures" / f"fig05{ending}", figures)
-    write_caption(Caption("fig05", "The boards", HOSTILE, ("Five of them.",)), figures)
-    page = write_report(reproduction / "results", figures, tmp_path / "report")
-    return page.read_text(encoding="utf-8")
-
-
 def test_page_shows_figures_tables_and_recordings(reproduction, tiny):
     page = (reproduction / "report" / "index.html").read_text(encoding="utf-8")
     for name in ("fig03", "fig08"):
@@ -70,12 +58,20 @@ def test_claims_are_those_of_the_docs_in_their_order(reproduction):
     assert page.count("Brief results, which test no claim.") == len(figure_entries()) + 1
 
 
-def test_captions_are_escaped_and_missing_figures_named(hostile):
-    assert HOSTILE not in hostile
-    assert str(escape(HOSTILE)) in hostile
-    assert "Five of them." in hostile
+def test_captions_are_escaped_and_missing_figures_named(reproduction, tmp_path):
+    """Of the session's results with one figure only, whose caption is an attack."""
+    figures = tmp_path / "figures"
+    figures.mkdir()
+    for ending in (".png", ".pdf"):
+        shutil.copy(reproduction / "figures" / f"fig05{ending}", figures)
+    write_caption(Caption("fig05", "The boards", HOSTILE, ("Five of them.",)), figures)
+    written = write_report(reproduction / "results", figures, tmp_path / "report")
+    page = written.read_text(encoding="utf-8")
+    assert HOSTILE not in page
+    assert str(escape(HOSTILE)) in page
+    assert "Five of them." in page
     for figure in figure_entries():
-        assert (f"minirobots figures {figure} " in hostile) == (figure != "fig05")
+        assert (f"minirobots figures {figure} " in page) == (figure != "fig05")
 
 
 def test_empty_and_damaged_results(tmp_path):
