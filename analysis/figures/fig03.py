@@ -91,7 +91,7 @@ def drawing_of(result: PlatformResult, drive: str = "") -> Drawing:
         numbers,
         (
             (
-                f"slip from {slip:.0f} rad/s, net motion from {drift:.0f}{drive}; whether pulses "
+                f"slip from {slip:.1f} rad/s, net motion from {drift:.1f}{drive}; whether pulses "
                 "repeat was not measured",
                 f"{verdict(bool(np.isfinite(drift)) and step_um > 0.0)}; positioning {UNTESTED}",
             ),
