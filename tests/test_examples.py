@@ -70,7 +70,7 @@ def test_study_page_runs_as_written(follow, capsys, command):
 @pytest.mark.slow
 def test_own_parts_are_brought_as_the_page_says(follow, tmp_path):
     follow("own.md")
-    mine, ours = (read(tmp_path / name)[LOOPS[0]].omega for name in ("mine.rrd", "heavier.rrd"))
+    mine, ours = (read(tmp_path / name)[0][LOOPS[0]].omega for name in ("mine.rrd", "heavier.rrd"))
     assert mine.max() < ours.max() - 5.0  # rad/s, without control: the drag
     assert not (tmp_path / "broken.rrd").exists()
 

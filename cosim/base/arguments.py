@@ -61,7 +61,7 @@ def _fault(name: str, value: Any, kind: inspect.Type, problem: str) -> ConfigErr
         fields = [f.name for k in kinds for f in getattr(k, "fields", ())]
         return unknown(f"{name}.{reason.split('`')[-2]}".removeprefix("."), None, fields)
     for choices in (k.values for k in kinds if isinstance(k, inspect.LiteralType)):
-        return unknown(name, str(value), choices)
+        return unknown(name, str(value), [str(choice) for choice in choices])
     reason = reason.replace("`object`", "table").replace("`", "").replace("null", "None")
     limits = [
         f"; give {k.ge:g} to {k.le:g}"

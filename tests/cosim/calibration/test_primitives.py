@@ -32,7 +32,8 @@ def config(tmp_path_factory):
     return find_preset(file).config()
 
 
-def primitive(*mean: float, speeds: tuple[float, ...] = (700.0, -700.0, 0.0, 650.0)) -> Primitive:
+def primitive(ahead: float, left: float, turn: float) -> Primitive:
+    speeds, mean = (700.0, -700.0, 0.0, 650.0), (ahead, left, turn)
     return Primitive(speeds, mean, (1e-5, 1e-5, 1e-3), 0.0, (0.5, 1.0, 0.0, 0.2), 4e-4)
 
 
