@@ -40,8 +40,8 @@ def _tagged(path: Path) -> set[int]:
 
 
 def _rows() -> list[tuple[set[int], list[Path]]]:
-    """Equations and files of the table in docs/architecture.md."""
-    page = _page("architecture")
+    """Equations and files of the table in docs/paper.md."""
+    page = _page("paper")
     rows = []
     for equations, places in re.findall(r"^\| (\(\d+\).*?) \| (.*) \|$", page, re.MULTILINE):
         numbers = [int(n) for n in re.findall(r"\((\d+)\)", equations)]
@@ -51,7 +51,7 @@ def _rows() -> list[tuple[set[int], list[Path]]]:
     return rows
 
 
-def test_every_equation_is_tagged_where_the_architecture_page_says():
+def test_every_equation_is_tagged_where_the_page_of_the_paper_says():
     rows = _rows()
     assert set().union(*(equations for equations, _ in rows)) == set(range(1, 15))
     for equations, files in rows:
