@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-NUMBERS = runpy.run_path(str(ROOT / ".ci" / "numbers.py"))
+NUMBERS = runpy.run_path(str(ROOT / ".ci" / "results.py"))
 INSERTED, inserted = NUMBERS["INSERTED"], NUMBERS["inserted"]
 FILES = sorted((ROOT / "docs" / "results").glob("*.json"))
 PAGES = {
@@ -79,3 +79,8 @@ def test_a_quantity_has_one_value(quantity):
         for match in re.finditer(QUANTITIES[quantity], INSERTED.sub(inserted, page))
     }
     assert len(values) == 1, f"{quantity}: {values}"
+
+
+def test_a_name_that_no_file_has_is_an_error():
+    with pytest.raises(KeyError):
+        NUMBERS["on_page_markdown"]("{{platform.none}}")
