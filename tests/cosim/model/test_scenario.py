@@ -120,7 +120,8 @@ def test_the_documented_examples_are_usable(scenario_file):
     gate = find_scenario(scenario_file(page.split("```toml")[1].split("```")[0]))
     assert gate.robots == 2
     assert gate.walls.tolist() == [[0, 9, 8, 10], [16, 9, 24, 10]]
-    assert find_scenario(scenario_file(page.split("```toml")[2].split("```")[0])).robots == 256
+    swarm = (EXAMPLE.parents[1] / "groups.md").read_text().split("```toml")[1].split("```")[0]
+    assert find_scenario(scenario_file(swarm)).robots == 256
 
 
 @pytest.mark.parametrize(
