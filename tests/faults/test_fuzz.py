@@ -27,7 +27,7 @@ from cosim.base.errors import UserError, run_command
 from cosim.fmi.motor import Motor, MotorFmu
 from cosim.machine.identification.track import COLUMNS, read_track
 from cosim.model.config import CoSimConfig
-from cosim.model.params import MotorParams, RobotParams
+from cosim.model.params import MotorParams
 from cosim.model.preset import FIELDS, find_preset
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world, in_world, read_world
@@ -174,7 +174,7 @@ SCENARIO = merged(
     below("world", WORLD),
 )
 PRESET = merged(
-    below("robot", table(*RobotParams._fields, "source")),
+    below("body", table(*FIELDS["body"], "source")),
     below("motor", table(*MotorParams._fields, "source")),
     below("world", merged(table(*FIELDS["world"], "source"), SENSOR)),
     st.just({}) | table("source"),

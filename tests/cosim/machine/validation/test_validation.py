@@ -94,7 +94,6 @@ def test_tables_compare_and_explain(made_up):
     assert rows["mass_kg"]["explains"] is None  # four times as much
     assert rows["mu"]["platform"] == -3.0
     by_speed = {(row["preset"], row["motor_speed_rad_s"]): row for row in report.reversals}
-    assert by_speed["thesis", 1800.0]["published"] == pytest.approx(2.8 / 3.9)
     assert by_speed["icra2006", 1200.0]["published"] is None
     assert report.paths[0]["off_mm"] == pytest.approx(5.0)
     text = text_of(report)
