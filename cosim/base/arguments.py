@@ -137,8 +137,9 @@ def to_plain(name: str, value: Any) -> Any:
         return value.tolist()
     if isinstance(value, Mapping):
         return {to_plain(name, k): to_plain(name, v) for k, v in value.items()}
-    if type(value) in {list, tuple}:
-        return type(value)(to_plain(name, v) for v in value)
+    if isinstance(value, list | tuple):  # records, too
+        plain = (to_plain(name, v) for v in value)
+        return list(plain) if isinstance(value, list) else tuple(plain)
     return value
 
 

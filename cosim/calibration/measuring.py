@@ -142,6 +142,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
     """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise."""
     timing = config.timing
     clock = (timing.dt_s, timing.communication_step_s, timing.control_period_s)
+    pulses = config.steering.pulse_s, config.steering.pause_s
     further = [given for given in config.motor_parameters if given[0] not in config.motor._fields]
     return digest_of(
         config.robot,
@@ -154,6 +155,7 @@ def digest(config: CoSimConfig, motor_fmu: Path) -> str:
         identity_of_fmu(motor_fmu),
         VERSION,
         *([further] if further else []),
+        *([pulses] if any(pulses) else []),
     )
 
 
