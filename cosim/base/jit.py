@@ -219,6 +219,7 @@ def unrolled(function: Kernel) -> Kernel:
         return function(*arguments)
 
     options: Any = {"forceinline": True, "nogil": True, "_nrt": False, "error_model": "numpy"}
+    options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     choose: Any = functools.wraps(function)(lambda *_: function)
     overload(called, jit_options=options)(choose)
     return cast(Kernel, called)

@@ -45,7 +45,6 @@ from cosim.physics.body_state import (
     X,
     Y,
     Z,
-    feet_of_bodies,
     frictions,
     orientation_of,
 )
@@ -62,7 +61,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
     `noise` is (B, motors), speed measurement noise of this period over each motor's set point.
     """
     period_s = plant.ticks_per_period * plant.body.dt
-    robots, columns, motors = plant.robots, state.bodies.shape[1], state.set_points.shape[0]
+    robots, columns, motors = plant.robots, state.bodies.shape[1], len(plant.mounts)
     for row in range(state.statistics.shape[0]):
         if row < NORMAL or (row - LANDING) % FOOT != 0:  # whether a foot lands outlasts the period
             for column in range(columns):
@@ -161,7 +160,7 @@ def _steer(plant: Plant, state: State, column: int, period_s: float) -> None:
     set_points = state.set_points[:, column]
     steer(command, x, y, angle, period_s, plant.steering, set_points, plant.portable)
     driven = False
-    for k in range(len(set_points)):
+    for k in range(len(plant.mounts)):
         driven = driven or set_points[k] != 0.0
     if plant.steering.pulse_s > 0.0:
         pulse(command, period_s, plant.steering, set_points)
@@ -177,11 +176,11 @@ def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
         body = state.bodies[:, column]
         for axis in range(3):
             raw.position[row, column, axis] = body[X + axis]
-        motors = state.set_points.shape[0]
+        motors = len(plant.mounts)
         for motor in range(motors):
             raw.theta[row, column, motor] = state.outputs[motor, column]
             raw.omega[row, column, motor] = state.outputs[motors + motor, column]
-        for foot in range(feet_of_bodies(body)):
+        for foot in range(len(plant.body.contact.feet)):
             raw.normal[row, column, foot] = body[NORMALS + foot] / plant.body.dt
             for axis in range(2):
                 impulse = body[frictions(body) + 3 * foot + axis]
@@ -254,7 +253,7 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
     ticks = plant.ticks_per_period
     period_s = ticks * plant.body.dt
     body, statistics = state.bodies[:, column], state.statistics[:, column]
-    motors = state.set_points.shape[0]
+    motors = len(plant.mounts)
     for motor in range(motors):
         samples.theta[row, column, motor] = state.outputs[motor, column]
         samples.omega[row, column, motor] = state.outputs[motors + motor, column]
@@ -272,7 +271,7 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
     for k in range(4):
         samples.quaternion[row, column, k] = body[Q_W + k]
     samples.yaw_rate[row, column] = body[W_Z]
-    for foot in range(feet_of_bodies(body)):
+    for foot in range(len(plant.body.contact.feet)):
         first = FOOT * foot
         x, y = statistics[first + FRICTION_X], statistics[first + FRICTION_Y]
         samples.normal_mean[row, column, foot] = statistics[first + NORMAL] / period_s

@@ -38,9 +38,9 @@ from cosim.physics.body_state import (
 )
 from cosim.physics.collision import PairParams, push_apart, push_off
 from cosim.physics.contact import Impulse, Pairing
-from cosim.physics.forces import MotorMount, Shaft, motor_wrench
+from cosim.physics.forces import MotorMount, Shaft, motor_wrenches
 from cosim.physics.lanes import Width, any_lane, load, select, store, width_of
-from cosim.physics.properties import BodyParams, read_mount, read_params
+from cosim.physics.properties import BodyParams, read_mounts, read_params
 from cosim.physics.rotation import Vector, cross, dot, plus, rotation_matrix, to_body
 from cosim.physics.trig import sine_cosine
 
@@ -92,28 +92,32 @@ def begin_step(plant: Plant, state: State) -> None:
                 state.held_velocities[row, column] = state.bodies[V_X + row, column]
 
 
-@inlined
-def exchanged(
-    plant: Plant, state: State, motor: int, column: int, tick: int, width: Width
-) -> tuple[float, float, float]:
-    """Output (θ, ω, ω̇) of motors as the bodies see it at the end of a tick of the step.
+@unrolled
+def _outputs(
+    order: tuple[int, ...],
+    outputs: np.ndarray,
+    held: np.ndarray,
+    column: int,
+    share: float,
+    width: Width,
+) -> tuple[Vector, ...]:
+    """Output (θ, ω, ω̇) of motors in an order, as the bodies of a vector see it in a step.
 
-    The motors are the first (0) or a later one of the robots from `column` on; ticks count from 0.
+    Args:
+        outputs, held: (3 · motors, B) at the end of the communication step and at its start.
+        share: of the step that is over; negative where nothing is held, because it is all over.
     """
-    theta, omega, omega_dot = _signals(state.outputs, motor, column, width)
-    if plant.ticks_per_step == 1:
-        return theta, omega, omega_dot
-    theta_0, omega_0, omega_dot_0 = _signals(state.held, motor, column, width)
-    share = (tick + 1) / plant.ticks_per_step
-    return (
-        theta_0 + share * (theta - theta_0),
-        omega_0 + share * (omega - omega_0),
-        omega_dot_0 + share * (omega_dot - omega_dot_0),
-    )
+    if len(order) == 0:
+        return ()
+    output = _output(outputs, order[0], column, width)
+    if share >= 0.0:
+        start = _output(held, order[0], column, width)
+        output = plus(start, share, plus(output, -1.0, start))
+    return (output, *_outputs(order[1:], outputs, held, column, share, width))
 
 
 @inlined
-def _signals(array: np.ndarray, motor: int, column: int, width: Width) -> Vector:
+def _output(array: np.ndarray, motor: int, column: int, width: Width) -> Vector:
     motors = array.shape[0] // 3
     return (
         load(array, motor, column, width),
@@ -122,55 +126,20 @@ def _signals(array: np.ndarray, motor: int, column: int, width: Width) -> Vector
     )
 
 
-@unrolled
-def _wrenches(
-    pairs: tuple[int, ...],
-    order: tuple[int, ...],
-    mounts: tuple[MotorMount, ...],
-    plant: Plant,
-    state: State,
-    column: int,
-    tick: int,
-    width: Width,
-) -> tuple[Vector, Vector]:
-    """Sum of what motors do to the bodies, in pairs of mirror images and then one by one."""
-    if len(order) == 0:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    force, moment = _wrench(order[0], mounts[0], plant, state, column, tick, width)
-    if len(pairs) > 0:
-        f, m = _wrench(order[1], mounts[1], plant, state, column, tick, width)
-        force, moment = plus(force, 1.0, f), plus(moment, 1.0, m)
-        f, m = _wrenches(pairs[1:], order[2:], mounts[2:], plant, state, column, tick, width)
-    else:
-        f, m = _wrenches(pairs, order[1:], mounts[1:], plant, state, column, tick, width)
-    return plus(force, 1.0, f), plus(moment, 1.0, m)
-
-
-@inlined
-def _wrench(
-    motor: int,
-    common: MotorMount,
-    plant: Plant,
-    state: State,
-    column: int,
-    tick: int,
-    width: Width,
-) -> tuple[Vector, Vector]:
-    theta, omega, omega_dot = exchanged(plant, state, motor, column, tick, width)
-    mount = read_mount(state.properties, motor, len(plant.mounts), column, width, common)
-    return motor_wrench(mount, mount.shaft, theta, omega, omega_dot)
-
-
 @inlined
 def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width) -> bool:
     """Move the robots of a vector by one tick with the forces of their motors at its end.
 
+    Args:
+        tick: of the communication step, from 0.
+
     Returns whether all of them have a finite place and velocity.
     """
-    motors, contact = plant.motors, plant.body.contact
-    force, moment = _wrenches(
-        motors.pairs, motors.order, plant.mounts, plant, state, column, tick, width
-    )
+    motors, contact, steps = plant.motors, plant.body.contact, plant.ticks_per_step
+    share = (tick + 1) / steps if steps > 1 else -1.0
+    outputs = _outputs(motors.order, state.outputs, state.held, column, share, width)
+    mounts = read_mounts(state.properties, motors.order, column, width, plant.mounts)
+    force, moment = motor_wrenches(motors.pairs, mounts, outputs)
     params = read_params(state.properties, column, width, plant.body, contact.feet, contact.z)
     order = contact.pairing.order
     before = read_body(state.bodies, column, width, order)
@@ -275,7 +244,6 @@ def react(plant: Plant, state: State) -> None:
     the weight's, which is the same with a = (0, 0, g).
     """
     rate, contact = 1.0 / (plant.ticks_per_step * plant.body.dt), plant.body.contact
-    motors = len(plant.mounts)
     for column in range(state.bodies.shape[1]):
         body, held = state.bodies[:, column], state.held_velocities[:, column]
         matrix = rotation_matrix(orientation_of(body))
@@ -289,12 +257,12 @@ def react(plant: Plant, state: State) -> None:
         spin = (wx, wy, wz)
         turn = (rate * wx, rate * wy, rate * wz)
         along = at_axis(to_body(matrix, change), turn, params)
-        for k in range(motors):
-            motor = plant.motors.order[k]
-            mount = read_mount(state.properties, motor, motors, column, _ONE, plant.mounts[k])
-            angle = state.outputs[motor, column]
-            torque = _reaction(mount, mount.shaft, angle, along, spin, rate)
-            state.inputs[2 * motors + motor, column] = torque
+        order = plant.motors.order
+        mounts = read_mounts(state.properties, order, column, _ONE, plant.mounts)
+        for k in range(len(order)):
+            angle = state.outputs[order[k], column]
+            torque = _reaction(mounts[k], mounts[k].shaft, angle, along, spin, rate)
+            state.inputs[2 * len(order) + order[k], column] = torque
 
 
 @unrolled

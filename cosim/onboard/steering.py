@@ -152,7 +152,7 @@ def pulse(
 ) -> None:
     """Let motors with a set point run one after the other, each for a pulse."""
     running = 0
-    for k in range(len(set_points)):
+    for k in range(len(params.shares)):
         running += set_points[k] != 0.0
     if running == 0:
         command[CLOCK] = 0.0
@@ -161,7 +161,7 @@ def pulse(
     slot = math.floor((command[CLOCK] + 0.5 * period_s) / slot_s)
     on = command[CLOCK] + 0.5 * period_s - slot * slot_s < params.pulse_s
     turn = slot % running
-    for k in range(len(set_points)):
+    for k in range(len(params.shares)):
         if set_points[k] != 0.0:
             if turn != 0.0 or not on:
                 set_points[k] = 0.0

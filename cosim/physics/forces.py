@@ -6,6 +6,8 @@ Angles θ grow from the hanging position. Kernels are stateless and take scalars
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from cosim.base.jit import inlined, unrolled
 from cosim.model.params import MotorParams, RobotParams, level_share, mounts_of
 from cosim.physics.rotation import Vector, cross, plus
@@ -57,7 +59,8 @@ def directions(axis: Vector) -> tuple[Vector, Vector]:
     hanging = (1.0, 0.0, 0.0)  # assumed of a vertical shaft: nothing hangs
     if level > _VERTICAL:  # straight down, less what is along the shaft
         hanging = axis[0] * axis[2] / level, axis[1] * axis[2] / level, -level
-    return hanging, cross(axis, hanging)
+    x, y, z = np.cross(axis, hanging).tolist()
+    return hanging, (x, y, z)
 
 
 @inlined
@@ -114,3 +117,25 @@ def motor_wrench(
     moment = cross((own.x, mount.y, mount.z), force)
     # Eq. (2)
     return force, plus(moment, -reaction, own.axis)
+
+
+@unrolled
+def motor_wrenches(
+    pairs: tuple[int, ...], mounts: tuple[MotorMount, ...], outputs: tuple[Vector, ...]
+) -> tuple[Vector, Vector]:
+    """Sum of what motors do to the body, in pairs of mirror images and then one by one.
+
+    Args:
+        mounts: of the motors, in the order of their pairing.
+        outputs: (θ, ω, ω̇) of each.
+    """
+    if len(mounts) == 0:
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    force, moment = motor_wrench(mounts[0], mounts[0].shaft, *outputs[0])
+    if len(pairs) > 0:
+        f, m = motor_wrench(mounts[1], mounts[1].shaft, *outputs[1])
+        force, moment = plus(force, 1.0, f), plus(moment, 1.0, m)
+        f, m = motor_wrenches(pairs[1:], mounts[2:], outputs[2:])
+    else:
+        f, m = motor_wrenches(pairs, mounts[1:], outputs[1:])
+    return plus(force, 1.0, f), plus(moment, 1.0, m)

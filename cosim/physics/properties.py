@@ -176,21 +176,33 @@ def _read_rows(
 
 
 @inlined
-def read_mount(
-    properties: np.ndarray, motor: int, motors: int, column: int, width: Width, common: MotorMount
-) -> MotorMount:
-    """Motor of some of the robots from a column on, with their own r and J."""
-    row = properties.shape[0] - 2 * (motors - motor)
-    return MotorMount(
-        common.m,
-        load(properties, row, column, width),
-        load(properties, row + 1, column, width),
-        common.g,
-        common.y,
-        common.z,
-        common.sin_phi,
-        common.shaft,
-    )
+def read_mounts(
+    properties: np.ndarray,
+    order: tuple[int, ...],
+    column: int,
+    width: Width,
+    common: tuple[MotorMount, ...],
+) -> tuple[MotorMount, ...]:
+    """Motors, in an order, of the robots from a column on, with their own r and J."""
+    first = properties.shape[0] - 2 * len(order)
+    return _read_mounts(properties, first, order, column, width, common)
+
+
+@unrolled
+def _read_mounts(
+    properties: np.ndarray,
+    first: int,
+    order: tuple[int, ...],
+    column: int,
+    width: Width,
+    common: tuple[MotorMount, ...],
+) -> tuple[MotorMount, ...]:
+    if len(order) == 0:
+        return ()
+    row, mount = first + 2 * order[0], common[0]
+    r, inertia = load(properties, row, column, width), load(properties, row + 1, column, width)
+    own = MotorMount(mount.m, r, inertia, mount.g, mount.y, mount.z, mount.sin_phi, mount.shaft)
+    return (own, *_read_mounts(properties, first, order[1:], column, width, common[1:]))
 
 
 @inlined

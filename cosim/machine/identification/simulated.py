@@ -26,7 +26,7 @@ from cosim.physics.body_state import (
     state_size,
     write_body,
 )
-from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
+from cosim.physics.forces import MotorMount, motor_mounts, motor_wrenches
 from cosim.physics.lanes import Width, host_lanes, load, width_of
 from cosim.physics.properties import (
     CENTRE,
@@ -34,10 +34,10 @@ from cosim.physics.properties import (
     body_params,
     properties_of,
     properties_size,
-    read_mount,
+    read_mounts,
     read_params,
 )
-from cosim.physics.rotation import heading, plus, rotation_matrix
+from cosim.physics.rotation import heading, rotation_matrix
 
 LOOKS_S = 0.005  # between simulated poses, which are interpolated
 REPEATS, WINDOW_S = 8, 5.0  # of simulations with other noise, and over which they drift apart
@@ -281,8 +281,7 @@ def _drive(
         y, z = load(shapes, _D, first, width), load(shapes, _D + 1, first, width)
         at_d = MotorMount(mount.m, mount.r, mount.J, mount.g, y, z, 1.0, ())
         at_e = MotorMount(mount.m, mount.r, mount.J, mount.g, -y, z, -1.0, ())
-        mount_d = read_mount(properties, 0, 2, first, width, at_d)
-        mount_e = read_mount(properties, 1, 2, first, width, at_e)
+        mounts = read_mounts(properties, (0, 1), first, width, (at_d, at_e))
         omega_d, omega_e = load(omega[0], 0, first, width), load(omega[0], 1, first, width)
         theta_d, theta_e = 0.0 * omega_d, 0.0 * omega_e
         for period in range(omega.shape[0] - 1):
@@ -294,9 +293,8 @@ def _drive(
                 omega_d, omega_e = omega_d + change_d, omega_e + change_e
                 theta_d += dt * (omega_d - 0.5 * change_d)
                 theta_e += dt * (omega_e - 0.5 * change_e)
-                force, moment = motor_wrench(mount_d, (), theta_d, omega_d, dot_d)
-                f, m = motor_wrench(mount_e, (), theta_e, omega_e, dot_e)
-                force, moment = plus(force, 1.0, f), plus(moment, 1.0, m)
+                outputs = (theta_d, omega_d, dot_d), (theta_e, omega_e, dot_e)
+                force, moment = motor_wrenches((0,), mounts, outputs)
                 after = stepped(read_body(bodies, first, width, order), params, force, moment)
                 write_body(bodies, first, width, order, after)
             omega_d, omega_e = end_d, end_e
