@@ -28,7 +28,7 @@ from cosim.model.outcome import RUNNING, SUCCESS
 from cosim.model.params import TIMING, Positive
 from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.onboard.estimation import POSE
-from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D, OMEGA_E
+from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D
 from cosim.physics.body_state import X, Y, orientation_of, standing_state
 from cosim.physics.rotation import heading
 from cosim.simulation.driving import DriveObservation, in_frames, refuse_without_effect, velocities
@@ -86,7 +86,7 @@ class DrivePolicy:
     >>> ahead = DrivePolicy(lambda observations: [[1.0, 0.0]] * len(observations))
 
     Args:
-        predict: (N, F) float32 observations of `DriveVectorEnv` to (N, 2) actions.
+        predict: (N, F) float32 observations of `DriveVectorEnv` to (N, A) actions.
         action, context, control_interval: of the environment that it was trained in.
 
     Attributes:
@@ -107,10 +107,11 @@ class DrivePolicy:
         self.interval_s = validate_argument("control_interval", control_interval, Positive)
 
     def drive(self, motion: DriveObservation) -> np.ndarray:
-        """Return the set points of motors D and E in rad/s, (N, 2)."""
+        """Return the set points of the motors in rad/s, (N, motors)."""
         robots = len(motion.poses)
         worlds = np.tile(_world_of(motion.config), (robots, 1)) if self._context else None
-        actions = checked_actions(self._predict(observed(motion, robots, worlds)), robots)
+        shape = robots, size_of_action(motion.config, self._velocity)
+        actions = checked_actions(self._predict(observed(motion, robots, worlds)), shape)
         dither = motion.memory.setdefault("dither", np.tile(_NEW_DITHER, (robots, 1)))
         return set_points(actions, motion.config, dither, velocity=self._velocity)
 
@@ -121,7 +122,7 @@ class DriveBoards(DynamicsBoards):
     Args:
         count: boards.
         scenario: board and number of robots; starts and targets are drawn anywhere on it.
-        action: "velocity" (ahead, and yaw rate) or "motors" (set points of D and E).
+        action: "velocity" (ahead, and yaw rate) or "motors" (set points).
         reward: "dense" or "sparse", see `DriveEnv`.
         observe: "true" poses, or "estimated" by the filter of the world's camera.
         context: observe friction, motor spread, restitution, slope and payload of the episode.
@@ -168,9 +169,11 @@ class DriveBoards(DynamicsBoards):
         self._rows = Driven._make(np.zeros((rows, *size)) for size in sizes)
 
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
-        size = 13 + 2 * (self.scenario.robots > 1) + 5 * self._context
+        motors = self._config.robot.motors_count
+        size = 11 + motors + 2 * (self.scenario.robots > 1) + 5 * self._context
         observation = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
-        return observation, spaces.Box(-1.0, 1.0, (2,), np.float32)
+        actions = size_of_action(self._config, self._velocity)
+        return observation, spaces.Box(-1.0, 1.0, (actions,), np.float32)
 
     def _placement(self, starts: Any, targets: Any) -> Any:
         return self._positions("starts", starts, 3), self._positions("targets", targets, 2)
@@ -240,7 +243,8 @@ class DriveBoards(DynamicsBoards):
 
     def joint(self, actions: Any) -> np.ndarray:
         """See `EnvBoards.joint`."""
-        return checked_actions(actions, self.shape[0] * self.shape[1]).reshape(*self.shape, 2)
+        shape = self.shape[0] * self.shape[1], size_of_action(self._config, self._velocity)
+        return checked_actions(actions, shape).reshape(*self.shape, -1)
 
     def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
         """Drive for a control interval; see the base class."""
@@ -249,9 +253,10 @@ class DriveBoards(DynamicsBoards):
         running, moved = outcomes == RUNNING, self.remaining()
         before, before_m = rows.poses.copy(), rows.away_m.copy()
         commands = state.commands[:count]
-        commands[:, OMEGA_D : OMEGA_E + 1] = set_points(
-            actions.reshape(count, 2), self._config, rows.dither, velocity=self._velocity
+        speeds = set_points(
+            actions.reshape(count, -1), self._config, rows.dither, velocity=self._velocity
         )
+        commands[:, OMEGA_D : OMEGA_D + speeds.shape[1]] = speeds
         commands[:, MODE] = np.where(moved.ravel(), DIRECT, HOLD)
         episodes = self._episodes()
         for samples, _ in batch.stretches():
@@ -299,10 +304,10 @@ class DriveVectorEnv(RowsVectorEnv):
 
     `num_envs=K` boards of N robots have R = K · N rows, and `env.num_envs` is R.
 
-    - Observation: Box (R, F) float32, cut to -10 to 10, as of `DriveEnv`: F is 13, with several
-      robots 2 more, offset ahead and to the left of the nearest other one in 0.1 m, and with
-      `context` 5 more at the end.
-    - Action: Box (R, 2) from -1 to 1, as of `DriveEnv`; ignored by robots that have arrived, and in
+    - Observation: Box (R, F) float32, cut to -10 to 10, as of `DriveEnv`: F is 11 and one
+      for each motor, with several robots 2 more, offset ahead and to the left of the nearest other
+      one in 0.1 m, and with `context` 5 more at the end.
+    - Action: Box (R, A) from -1 to 1, as of `DriveEnv`; ignored by robots that have arrived, and in
       the step that begins a board again.
     - Reward: (R,) float64 as of `DriveEnv`, for every robot of its own; 0 for robots that have
       arrived, and where a board begins again.
@@ -334,10 +339,12 @@ class DriveEnv(SingleEnv):
     - Observation: Box (F,) float32, cut to -10 to 10. 0, 1: target ahead and to the left in 0.1 m.
       2, 3: sine and cosine of the heading. 4, 5: x and y over the board's size. 6, 7: velocity
       ahead and to the left over the calibrated speed. 8: yaw rate over the calibrated one. 9, 10:
-      speeds of motors D and E over the largest. 11, 12: cosine and sine of the angle to the target.
+      speeds of motors D and E over the largest (of a machine with M motors, 9 to 8 + M). The last
+      two: cosine and sine of the angle to the target.
       With `context` 5 more: µ, motor spread, restitution, slope in deg, payload in 10 g.
-    - Action: Box (2,) from -1 to 1, cut beyond, for `control_interval` (0.1 s). "velocity": speed
-      ahead and yaw rate over the calibrated ones. "motors": set points of D and E over the largest.
+    - Action: Box (A,) from -1 to 1, cut beyond, for `control_interval` (0.1 s). "velocity": speed
+      ahead and yaw rate over the calibrated ones. "motors": set points of D and E, or of the M
+      motors, over the largest.
     - Reward, float: "dense" 1 per cm of progress, -0.1 per s, 10 on arrival, -10 on failure;
       "sparse" 1 on arrival, -1 on failure, else 0.
     - Termination: the centre is within 5 mm of the target, or left the board, or the robot touched
@@ -365,11 +372,17 @@ class DriveEnv(SingleEnv):
     _boards_of = DriveBoards
 
 
-def checked_actions(actions: Any, rows: int) -> np.ndarray:
-    """Return (rows, 2) float64 from -1 to 1 of what a learner gave, cut where it is beyond."""
-    if (wanted := numbers(actions, (rows, 2))) is None:
+def size_of_action(config: CoSimConfig, velocity: bool) -> int:
+    """Return how many numbers command a robot: velocity and yaw rate, or one for each motor."""
+    return 2 if velocity else config.robot.motors_count
+
+
+def checked_actions(actions: Any, shape: tuple[int, int]) -> np.ndarray:
+    """Return float64 from -1 to 1 of what a learner gave, cut where it is beyond."""
+    if (wanted := numbers(actions, shape)) is None:
+        rows, size = shape
         raise ConfigError(
-            f"actions = {shorten(actions)}: give two finite numbers from -1 to 1 to each of the "
+            f"actions = {shorten(actions)}: give {size} finite numbers from -1 to 1 to each of the "
             f"{rows} robots"
         )
     return np.clip(wanted, -1.0, 1.0)
@@ -378,36 +391,38 @@ def checked_actions(actions: Any, rows: int) -> np.ndarray:
 def set_points(
     actions: np.ndarray, config: CoSimConfig, dither: np.ndarray, *, velocity: bool
 ) -> np.ndarray:
-    """Return the speeds of motors D and E in rad/s, (N, 2).
+    """Return the speeds of the motors in rad/s, (N, motors).
 
     The calibrated speeds realise an action of 1. The dither alternates once per interval, like
     that of `cosim.onboard.steering`.
 
     Args:
-        actions: (N, 2) from -1 to 1.
+        actions: (N, 2), or (N, motors), from -1 to 1.
         config: calibrated; an RL step is a control interval.
         dither: (N, 2) phase in rad that the dither has added, and its sign, at first 0 and 1;
             written.
         velocity: whether actions are velocity and yaw rate, else set points.
     """
-    config.robot.require_pair("this environment")
     steering = config.steering
     most = steering.max_speed_rad_s
     if not velocity:
         return most * actions
     ahead, turn = actions.T
     full = np.where(ahead > 0, steering.forward_speed_rad_s, steering.backward_speed_rad_s)
-    drive = np.sign(ahead) * np.abs(ahead) ** _ROOT * full
-    rotate = np.sign(turn) * np.abs(turn) ** _ROOT * steering.turn_speed_rad_s
-    largest = np.maximum(np.abs(drive) + np.abs(rotate), 1e-9)
-    share = np.minimum(1.0, np.maximum(np.abs(drive), np.abs(rotate)) / largest)
+    drive, rotate = np.abs(ahead) ** _ROOT * full, np.abs(turn) ** _ROOT * steering.turn_speed_rad_s
+    largest = np.maximum(drive + rotate, 1e-9)
+    share = np.minimum(1.0, np.maximum(drive, rotate) / largest)
     phase, sign = dither.T
     sign[phase <= 0.0], sign[phase >= 2.0 * math.pi] = 1.0, -1.0
     added = sign * steering.dither_rad_s * (largest > 1.0)
     phase += 2.0 * added * config.timing.rl_step_s
-    added_d = np.where(np.abs(drive) >= np.abs(rotate), added, -added)
-    pair = [share * (rotate - drive) + added_d, share * (rotate + drive) + added]
-    return np.clip(np.stack(pair, axis=-1), -most, most)
+    speeds = []
+    for own in steering.shares:
+        along = drive * np.where(ahead > 0, own.forwards, own.backwards)
+        around = rotate * np.where(turn > 0, own.left_turn, own.right_turn)
+        dithered = added * np.where(drive >= rotate, own.dither, own.turn_dither)
+        speeds.append(share * (around + along) + dithered)
+    return np.clip(np.stack(speeds, axis=-1), -most, most)
 
 
 def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -> np.ndarray:

@@ -170,6 +170,11 @@ class CoSimConfig:
                 )
         if not robot.feet:
             return
+        if "mu" in dict(self.sources) and all(foot.mu is not None for foot in robot.feet):
+            raise ConfigError(
+                f"mu = {robot.mu:g} has no effect: every foot of this machine has its own; leave "
+                "it out, or take mu out of the tables [[foot]]"
+            )
         x, y = self.centre_of_mass_m
         angles = sorted(math.atan2(foot.y_m - y, foot.x_m - x) for foot in robot.feet)
         gaps = [b - a for a, b in itertools.pairwise([*angles, angles[0] + 2.0 * math.pi])]

@@ -34,6 +34,7 @@ GAP_CORRECTION = 0.1
 # converged contacts (benchmarks/convergence.py).
 CONTACT_TOLERANCE = 0.01
 MAX_SWEEPS = 50
+OWN_MU = -2.0  # of a patch, in place of a friction coefficient: that of each foot
 NO_FLOOR = -1.0  # in place of a friction coefficient: no floor is below the foot
 
 

@@ -13,7 +13,7 @@ from cosim.base.jit import inlined, unrolled
 from cosim.model.params import MotorParams, RobotParams
 from cosim.model.world import IDEAL, Drawn, World
 from cosim.physics.body_state import X, Y, orientation_of, read_vector
-from cosim.physics.contact import CONTACT_TOLERANCE, ContactParams, contact_params
+from cosim.physics.contact import CONTACT_TOLERANCE, OWN_MU, ContactParams, contact_params
 from cosim.physics.forces import MotorMount
 from cosim.physics.lanes import Width, any_lane, load
 from cosim.physics.mass import mass_of
@@ -212,7 +212,8 @@ def feel_patches(
     """Put the friction coefficients that are under a robot's feet among its properties.
 
     Args:
-        patches: (P, 5) left, bottom, right, top in m, and mu; later ones cover earlier ones.
+        patches: (P, 5) left, bottom, right, top in m, and mu or OWN_MU; later ones cover
+            earlier ones.
     """
     axes = rotation_matrix(orientation_of(bodies[:, column]))
     feet, order, z = common.contact.feet, common.contact.pairing.order, common.contact.z
@@ -221,7 +222,8 @@ def feel_patches(
         arm = (x - properties[CENTRE, column], y - properties[CENTRE + 1, column], z)
         at_x, at_y = bodies[X, column] + dot(axes[0], arm), bodies[Y, column] + dot(axes[1], arm)
         row = MU + order[k]
-        properties[row, column] = properties[row + len(feet), column]
+        own = mu = properties[row + len(feet), column]
         for p in range(len(patches)):
             if patches[p, 0] <= at_x < patches[p, 2] and patches[p, 1] <= at_y < patches[p, 3]:
-                properties[row, column] = patches[p, 4]
+                mu = own if patches[p, 4] == OWN_MU else patches[p, 4]
+        properties[row, column] = mu

@@ -39,7 +39,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import motor_phases
 from cosim.onboard.camera import NOISE, SIGHT, frames_in_flight, frames_within
-from cosim.physics.contact import NO_FLOOR, floor_margin
+from cosim.physics.contact import NO_FLOOR, OWN_MU, floor_margin
 from cosim.physics.lanes import host_lanes
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.measures import PATH_SAMPLING_S, Measures
@@ -329,7 +329,7 @@ def floor_patches(scenario: Scenario, config: CoSimConfig) -> np.ndarray:
     patches: list[tuple[float, ...]] = []
     if world.edge:
         beyond = (-math.inf, -math.inf, math.inf, math.inf, NO_FLOOR)
-        patches = [beyond, (0.0, 0.0, *scenario.size_m, config.robot.mu)]
+        patches = [beyond, (0.0, 0.0, *scenario.size_m, OWN_MU)]
     for patch in world.mu_patches:
         left, bottom, right, top = patch.cells
         edges = scenario.cell_m * np.array([left, bottom, right + 1, top + 1])

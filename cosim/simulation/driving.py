@@ -1,6 +1,6 @@
 """Episodes of policies that command motors, at the end of every control interval.
 
-Such a policy has `drive(motion)`, which returns set points (N, 2) of motors D and E in rad/s, and
+Such a policy has `drive(motion)`, which returns set points (N, motors) in rad/s, and
 `interval_s`, the time between two commands. One that chooses directions has `act(observation)`.
 """
 
@@ -30,7 +30,7 @@ class DriveObservation(NamedTuple):
             world has a camera.
         velocities: (N, 3) ahead and to the left in m/s, yaw rate in rad/s: the mean since the
             command before, 0 at the start.
-        speeds: (N, 2) of motors D and E in rad/s.
+        speeds: (N, motors) in rad/s.
         targets_m: (N, 2) in m.
         memory: of the policy, for this episode alone.
     """
@@ -50,7 +50,7 @@ class SupportsDrive(Protocol):
     interval_s: float
 
     def drive(self, motion: DriveObservation) -> np.ndarray:
-        """Return the set points of motors D and E of each robot in rad/s, (N, 2)."""
+        """Return the set points of the motors of each robot in rad/s, (N, motors)."""
         ...
 
 
@@ -129,7 +129,7 @@ class DrivenEpisode(RunningEpisode):
                 "the set points of each robot's motors in rad/s"
             )
         fastest, limit = float(np.abs(set_points).max()), self.config.lift_off_rad_s
-        if fastest >= limit:
+        if fastest >= limit and not self.config.steering.pulse_s:
             raise UserError(
                 f"the policy commands a motor speed of {fastest:g} rad/s, which would make the "
                 f"robot hop; stay below lift-off at {limit:.0f} rad/s (without any hop up to "

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from agent.envs.drive import set_points
 from cosim.base.errors import UserError
 from cosim.calibration.primitives import DIRECTIONS, Primitive, able, find_primitives, steered
 from cosim.model.preset import find_preset
@@ -61,6 +62,17 @@ def test_motors_get_their_shares_of_the_largest_speed(config):
     assert steering.drive_speed_m_s == pytest.approx(2e-3)
     assert steering.turn_rate_rad_s == pytest.approx(0.15)
     assert steering.yaw_gain * steering.heading_gain_1_s == pytest.approx(2.0)
+
+
+def test_a_learner_commands_its_velocity_or_each_motor(config):
+    own = steered(config, found())
+    actions = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]])
+    dither = np.tile((0.0, 1.0), (3, 1))
+    speeds = set_points(actions, own, dither, velocity=True)
+    assert speeds.tolist() == pytest.approx(np.array([[700.0, -700.0, 0.0, 650.0]] * 3))
+    each = np.array([[0.5, -0.5, 0.0, 1.0]])
+    largest = own.steering.max_speed_rad_s
+    assert set_points(each, own, dither[:1], velocity=False).tolist() == (largest * each).tolist()
 
 
 def test_a_robot_that_can_drives_sideways_instead_of_turning(config):

@@ -68,6 +68,7 @@ def test_vertical_shafts_lift_nothing():
         ("[body]\ncom_x_m = 0.03\n" + FEET, "falls over"),
         (FEET * 11, "foot"),
         (FEET + "mu = -1.0\n", "mu"),
+        ("[body]\nmu = 0.2\n" + FEET.replace("[[foot]]", "[[foot]]\nmu = 0.3"), "has no effect"),
     ],
 )
 def test_what_cannot_stand_or_move_is_refused_in_one_line(written, text, words):

@@ -141,6 +141,35 @@ def test_forces_are_those_of_a_mass_on_a_circle(axis):
     np.testing.assert_allclose(twist, moment, rtol=2e-4, atol=1e-6)
 
 
+unit = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: math.hypot(*v) > 0.1)
+
+
+@given(axes=st.lists(unit, min_size=1, max_size=8), omega=st.floats(-1200.0, 1200.0))
+@settings(max_examples=50, deadline=None)
+def test_over_a_turn_motors_give_no_momentum_but_their_weight(axes, omega):
+    """Constant speeds; the mean over a turn of force and moment is that of the masses' weight."""
+    lengths = [math.hypot(*axis) for axis in axes]
+    mounts = tuple(
+        Mount(
+            (0.018 * x / length, 0.018 * z / length, 0.004 + 0.003 * y),
+            (x / length, y / length, z / length),
+        )
+        for (x, y, z), length in zip(axes, lengths, strict=True)
+    )
+    robot = TABLE_I._replace(motors=mounts)
+    found = motor_mounts(robot, motors_of(robot, TABLE_II))
+    angles = (2.0 * np.pi * np.arange(16) / 16).tolist()
+    wrenches = np.array(
+        [[motor_wrench(own, own.shaft, angle, omega, 0.0) for own in found] for angle in angles]
+    )
+    force, moment = wrenches.mean(axis=0).sum(axis=0)
+    weights = np.array([[0.0, 0.0, -TABLE_II.m * G]] * len(mounts))
+    levers = np.array([mount.place_m for mount in mounts]) - (0.0, 0.0, robot.com_height_m)
+    largest = len(mounts) * TABLE_II.m * TABLE_II.r * omega**2 + 1e-3
+    np.testing.assert_allclose(force, weights.sum(axis=0), atol=1e-14 * largest)
+    np.testing.assert_allclose(moment, np.cross(levers, weights).sum(axis=0), atol=1e-14 * largest)
+
+
 def silent(config: CoSimConfig) -> CoSimConfig:
     return config.having("test", relative_amplitude=0.0)
 
@@ -191,3 +220,19 @@ def test_a_droplet_moves_alike_in_another_direction(motor_fmu):
     one, other = (motion[:, 0] + 1j * motion[:, 1]) * np.exp(-2j * np.pi / 3.0 * np.array([0, 2]))
     assert abs(one) > 5e-4
     assert abs(other - one) < 1e-3 * abs(one)  # rounding, grown by sticking and slipping
+
+
+@pytest.mark.long
+def test_a_motor_without_a_mass_changes_nothing(motor_fmu):
+    """It has the others' shafts described in three dimensions; with the body's reaction on them."""
+    base = silent(CoSimConfig(reaction=True))
+    still = Mount((0.018, 0.0, 0.003), (0.6, 0.0, 0.8), (("r", 1e-12), ("J", 1e-12)))
+
+    def bodies(*motors: Mount) -> np.ndarray:
+        robot = TABLE_I._replace(motors=(*mounts_of(TABLE_I), *motors))
+        none = {n: value for n, (value, _) in not_calibrated(robot.motors_count).items()}
+        config = replace(base, robot=robot, steering=base.steering._replace(**none))
+        speeds = [(-900.0, 850.0, 0.0)[: robot.motors_count]]
+        return driven(config, speeds, 0.2, MotorFmu(motor_fmu)).bodies[: QUATERNION.stop, 0]
+
+    np.testing.assert_allclose(bodies(still), bodies(), rtol=1e-6, atol=1e-9)

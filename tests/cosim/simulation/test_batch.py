@@ -15,13 +15,15 @@ from cosim.base.errors import UserError
 from cosim.coupling.master import NotFiniteError
 from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
-from cosim.model.params import TABLE_I, TABLE_II, TIMING
+from cosim.model.params import STEERING, TABLE_I, TABLE_II, TIMING, MotorShares
+from cosim.model.preset import find_preset
 from cosim.model.scenario import Scenario
 from cosim.model.world import Patch, Sensor, World
 from cosim.physics.lanes import host_lanes
 from cosim.recording.series import with_bursts
 from cosim.simulation.batch import Batch, chosen_driver
 from cosim.simulation.tasks import Task, simulate_tasks
+from docs.examples.draw_machine import machine
 from tests.alone import same
 
 EAST, NORTH, WEST, SOUTH = 0, 2, 4, 6
@@ -102,6 +104,24 @@ def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, requ
             assert np.array_equal(ours.after.cells, theirs.after.cells)
             assert ours.outcome == theirs.outcome
             assert len(ours.raw.omega) > 0
+
+
+@pytest.mark.parametrize("reaction", [False, True])
+def test_drivers_give_another_machine_the_same_bits(reaction, motor_fmu, tmp_path):
+    """Four motors of which one has its own r, on four feet of which one has its own mu."""
+    file, text = tmp_path / "drawn.toml", machine(1) + "\nmu = 0.2"
+    file.write_text(text.replace("axis", "r = 0.0018\naxis", 1), "utf-8")
+    preset = find_preset(file)
+    shares = tuple(MotorShares(s, -s, 0.3, 0.2, 1.0, -1.0, s) for s in (-1.0, 1.0, 0.5, -0.5))
+    speeds = {n: 900.0 for n in STEERING._fields if n.endswith("_speed_rad_s")}
+    config = preset.config().having("test", reaction=reaction, shares=shares, **speeds)
+    drivers = [("compiled", None), ("compiled", 1), ("reference", None), ("fmpy", None)]
+    first, *others = (
+        simulated(motor_fmu, config, driver=driver, lanes=lanes)[0].samples
+        for driver, lanes in drivers[: 3 if reaction else 4]
+    )
+    assert np.ptp(first.position[:, 0], axis=0)[:2].max() > 1e-4
+    assert all(same(first, other) for other in others)
 
 
 def test_results_do_not_depend_on_threads_or_places(array_fmu):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.model.config import CoSimConfig
-from cosim.model.params import SHIELD
+from cosim.model.params import SHIELD, TABLE_I, feet_of
 from cosim.model.scenario import Scenario
 from cosim.model.world import World
 from cosim.physics.contact import foot_positions
@@ -18,10 +18,10 @@ NORTH, SOUTH = 2, 6
 FLOORS = {edge: CoSimConfig().in_world(World(edge=edge)) for edge in (False, True)}
 
 
-def first_step(motor_fmu, start, edge):
+def first_step(motor_fmu, start, edge, **machine):
     """The first RL step of a robot that drives to the middle of its board."""
     scenario = Scenario("rim", "", ((15, 15),), ((start,),))
-    system = CoSimulation(scenario, motor_fmu, FLOORS[edge])
+    system = CoSimulation(scenario, motor_fmu, FLOORS[edge].having("test", **machine))
     system.reset()
     step = system.step(np.array([SOUTH if start[1] > 15 else NORTH]))
     system.close()
@@ -37,8 +37,11 @@ def test_a_robot_with_a_foot_beyond_the_edge_falls(motor_fmu, row):
     assert not first_step(motor_fmu, (15, row), edge=False).outcome
 
 
-def test_a_robot_with_all_feet_on_the_board_notices_no_edge(motor_fmu):
-    without, within = (first_step(motor_fmu, (15, 26), edge) for edge in (False, True))
+@pytest.mark.parametrize("own_mu", [None, 0.2])
+def test_a_robot_with_all_feet_on_the_board_notices_no_edge(own_mu, motor_fmu):
+    feet = tuple(foot._replace(mu=own_mu) for foot in feet_of(TABLE_I))
+    machine = {"feet": feet} if own_mu else {}
+    without, within = (first_step(motor_fmu, (15, 26), e, **machine) for e in (False, True))
     assert not within.outcome
     assert same(without.samples, within.samples)
 
