@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cosim.model.config import CoSimConfig
-from cosim.model.params import SHIELD, TABLE_I, feet_of
+from cosim.model.params import SHIELD, TABLE_I
 from cosim.model.scenario import Scenario
 from cosim.model.world import World
-from cosim.physics.contact import foot_positions
+from cosim.physics.contact import feet_of, foot_positions
 from cosim.physics.mass import mass_of
 from cosim.physics.rotation import headings
 from tests.alone import CoSimulation, same
