@@ -81,13 +81,13 @@ def begin_step(plant: Plant, state: State) -> None:
     """Keep the values of both sides at the start of a communication step, if needed later."""
     # Element by element, here and below: numba takes longer to compile one slice assignment than
     # all of this module.
-    rows, columns = state.held.shape
+    columns = state.held.shape[1]
     if plant.ticks_per_step > 1:
-        for row in range(rows):
+        for row in range(state.held.shape[0]):
             for column in range(columns):
                 state.held[row, column] = state.outputs[row, column]
     if plant.reaction:
-        for row in range(rows):
+        for row in range(state.held_velocities.shape[0]):
             for column in range(columns):
                 state.held_velocities[row, column] = state.bodies[V_X + row, column]
 

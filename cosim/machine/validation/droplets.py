@@ -28,13 +28,13 @@ from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
 from cosim.physics.body_state import QUATERNION
 from fmus.build import identity_of_fmu
 
-VERSION = 1  # of simulated motions: raise it when their bits change
+VERSION = 2  # of simulated motions: raise it when their bits change
 
 MEASURED = Path(__file__).with_name("droplets.csv")
 MEASURED_S = 30.0
 FITTED = slice(0, None, 2)  # every second robot; the others are predicted
 HARDLY_MOVES = 17  # index of a robot whose ratio says nothing of the others
-UNBALANCES_KG_M = np.geomspace(0.3e-6, 1.2e-6, 10)
+UNBALANCES_KG_M = np.geomspace(0.3e-6, 2.1e-6, 14)
 # Signs of the motors' voltages: of two opposite ways to drive, and of both turns.
 WAYS = ((0, -1, 1), (0, 1, -1), (1, 1, 1), (-1, -1, -1))
 DRIVEN_S = 3.0
@@ -59,7 +59,7 @@ SHOWN = Variant(0.3, 0.03, 0.01, 0.03)  # robot by robot: one that reaches the s
 VARIANTS = tuple(
     Variant(mu, *pulses, spin_up_s)
     for pulses, mu, spin_up_s in itertools.product(
-        ((0.03, 0.01), (0.02, 0.04)), (0.5, 0.4, 0.3), (0.02, 0.03, 0.04)
+        ((0.03, 0.01), (0.03, 0.04), (0.02, 0.04)), (0.5, 0.4, 0.3), (0.02, 0.03, 0.04, 0.06, 0.08)
     )
 )
 

@@ -124,7 +124,7 @@ def test_failures_of_a_driver_name_it():
     with pytest.raises(UserError, match=r"drive of policy Circling failed .*ZeroDivisionError"):
         mr.evaluate(Circling(lambda motion: 1 / 0), "2", starts=1, progress=None)
     assert drives(ObjectPolicy(Circling(), find_in_world("2")[0]))
-    with pytest.raises(ConfigError, match="two finite numbers"):
+    with pytest.raises(ConfigError, match="2 finite numbers"):
         mr.simulate("1a", DrivePolicy(lambda observations: [[1.0]]), progress=None)
     with pytest.raises(ConfigError, match="control_interval"):
         DrivePolicy(towards, control_interval=0.0)
