@@ -14,10 +14,13 @@ import numpy as np
 
 from cosim.base.command import Checked, Count
 from cosim.base.errors import UserError
+from cosim.calibration.measuring import calibrated
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.params import STEERING, TABLE_I
-from cosim.model.world import World
+from cosim.model.params import STEERING, TABLE_I, mounts_of
+from cosim.model.preset import Preset
+from cosim.model.world import World, tree_of
+from cosim.physics.contact import feet_of
 from fmus.build import cached_fmu
 from tests.references.lines import Runs, drive_line
 
@@ -66,6 +69,10 @@ CONTROLLERS: dict[str, CoSimConfig] = {
     "no course": CoSimConfig(open_loop=("heading",)),
     "motors in open loop": CoSimConfig(open_loop=("motors",)),
     "neither": CoSimConfig(open_loop=("motors", "heading")),
+    # The same robot with its motors and feet listed, so that set points are found for it.
+    "found, no course": Preset(
+        tree=tree_of("Fig. 4b", motors=mounts_of(TABLE_I), feet=feet_of(TABLE_I))
+    ).config(tree_of("benchmark", open_loop=("heading",))),
 }
 # Single moves: length in cells, and angle between the robot's axis and the line in degrees.
 MOVES = {
@@ -103,6 +110,8 @@ def measure(options: Options) -> dict[str, Any]:
     for case, (length_m, angle_rad) in cases.items():
         for name in chosen:
             config = CONTROLLERS[name].in_world(world)
+            if config.robot.own_layout:
+                config = calibrated(config, cached_fmu())
             runs = drive_line(fmu, config, length_m, angle_rad, seeds, seed=0)
             rows.append({"case": case, "controller": name, **figures(runs)})
     return {"seeds": seeds, "mu": world.mu, "motor_spread": world.motor_spread, "rows": rows}
