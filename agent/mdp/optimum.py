@@ -21,8 +21,8 @@ from agent.mdp.joint import (
     BLOCKED,
     IMPOSSIBLE,
     cells_after,
-    iterate_alone,
     joint_states,
+    least_alone,
     solve,
     tabulate,
 )
@@ -75,12 +75,9 @@ def _of_starts(costs: np.ndarray, starts: np.ndarray, rows: int, alone: bool) ->
 
 def _optimum(process: Process, costs: np.ndarray, relaxed: bool) -> np.ndarray:
     """Least costs, in the layout of `Bound`."""
-    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
-    robots, cells = after.shape[:2]
-    if relaxed or robots == 1:
-        value = np.where(after[:, :, 0] == np.arange(cells), 0.0, np.inf)
-        for i in range(robots):
-            iterate_alone(after[i], costs[:, None], value[i, :, None])
+    after = cells_after(process)
+    if relaxed or len(after) == 1:
+        value = least_alone(after, costs[:, None])[..., 0]
         return value if relaxed else value[0]
     free, end = joint_states(process)
     value = np.where(end, 0.0, np.inf)
@@ -156,7 +153,7 @@ def computed_tables(process: Process) -> tuple[np.ndarray, np.ndarray]:
             f"{cells**robots:,}); choose another method, or a smaller scenario"
         )
     value, costs = bound.path_cells, _PATH_COSTS
-    after = np.stack([cells_after(process, i) for i in range(robots)])
+    after = cells_after(process)
     if robots == 1:
         return _tables_alone(after, costs, value[None])
     free, _ = joint_states(process)

@@ -15,7 +15,7 @@ import numpy as np
 
 from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.interpretations import Process
-from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, iterate_alone
+from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, least_alone
 from agent.mdp.optimum import require_paths
 from agent.moves.model import KINDS, ObservedMoves, move_kind
 from cosim.base.errors import UserError
@@ -55,14 +55,7 @@ def least_times(process: Process, moves: ObservedMoves) -> np.ndarray:
     By cell x·rows + y and the axis that it faces; inf where no path leads to the target. The moves
     are of one world.
     """
-    seconds = mean_seconds(moves)
-    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
-    robots, cells = after.shape[:2]
-    parked = after[:, :, 0] == np.arange(cells)
-    value = np.repeat(np.where(parked, 0.0, np.inf)[..., None], AXIS_COUNT, axis=2)
-    for i in range(robots):
-        iterate_alone(after[i], seconds, value[i])
-    return value
+    return least_alone(cells_after(process), mean_seconds(moves))
 
 
 def fastest_tables(process: Process, moves: ObservedMoves) -> tuple[np.ndarray, np.ndarray]:
@@ -76,7 +69,7 @@ def fastest_tables(process: Process, moves: ObservedMoves) -> tuple[np.ndarray, 
         Action values (1, states, 8) float32, minus the time in s that a move leads to, and (1,
         states) bool, whether there is anything to decide and a path to the target.
     """
-    value, after = least_times(process, moves)[0], cells_after(process, 0)
+    value, after = least_times(process, moves)[0], cells_after(process)[0]
     require_paths(process, value[:, STARTING_AXIS])
     axes = np.arange(DIRECTION_COUNT) % AXIS_COUNT
     rest = np.where(after == BLOCKED, np.inf, value[after, axes])
@@ -103,7 +96,7 @@ class Board(NamedTuple):
 
 def board_of(process: Process, moves: ObservedMoves) -> Board:
     """Return what robots plan by, on moves of one world."""
-    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
+    after = cells_after(process)
     cells, rows = after.shape[1], process.terrain.shape[2] - 2
     at = np.stack(np.divmod(np.arange(cells), rows), axis=1)
     targets = (after[:, :, 0] == np.arange(cells)).argmax(axis=1)

@@ -45,7 +45,7 @@ def double_q(q, s, a, reward, discount, s_next, a_next, eta, coin):
 @computed(settings=lambda _: (ProcessConfig(features=("x", "y")), LearningConfig()), most_robots=1)
 def straight(process):
     """Straight on: minus the distance from the target after a move."""
-    after, rows = cells_after(process, 0), process.terrain.shape[2] - 2
+    after, rows = cells_after(process)[0], process.terrain.shape[2] - 2
     target = np.flatnonzero(after[:, 0] == np.arange(len(after)))[0]
     x, y = np.divmod(after, rows)
     away = np.hypot(x - target // rows, y - target % rows)
