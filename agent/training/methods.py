@@ -41,7 +41,7 @@ from cosim.base.arguments import ConfigError, unknown
 from cosim.base.command import MotorParameters
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
-from cosim.calibration.measuring import calibrated_slower
+from cosim.calibration.measuring import calibrated
 from cosim.model.preset import PAPER, Preset
 from cosim.model.scenario import Scenario
 from cosim.simulation.options import DecisionOptions, Physics
@@ -292,7 +292,7 @@ def method_config(
         machine = Physics(preset=given, motor_fmu=motor_fmu, motor_parameters=motor_parameters)
         fmu = machine.fmu(progress)
         config = machine.config().sized(machine.board(scenario).diameter_m)
-        config = calibrated_slower(config, fmu, progress)
+        config = calibrated(config, fmu, progress, slower=True)
         config = config.merged(DecisionOptions(through=method.through(scenario)).tree())
         worlds = None if worlds is None else checked_ranges(worlds, config)
         moves = cached_moves(config, fmu, progress, worlds, scenario.cell_m)

@@ -146,16 +146,8 @@ def advance_moves(
     process: Process, model: MoveModel, learning: Learning, state: TrainingState, until: int
 ) -> None:
     """Train a state up to episode `until` over moves that last, in place."""
+    discounts = _discounts(process, model, learning.gamma)
     state.agent_steps += _run_episodes(
-        process,
-        model,
-        learning,
-        state.q,
-        state.visits,
-        state.random,
-        state.curve,
-        state.episode,
-        until,
-        _discounts(process, model, learning.gamma),
+        process, model, learning, *state.trained, state.episode, until, discounts
     )
     state.episode = until

@@ -206,14 +206,5 @@ def _run_episodes(
 
 def advance(process: Process, learning: Learning, state: TrainingState, until: int) -> None:
     """Train a state up to episode `until` on the grid, in place."""
-    state.agent_steps += _run_episodes(
-        process,
-        learning,
-        state.q,
-        state.visits,
-        state.random,
-        state.curve,
-        state.episode,
-        until,
-    )
+    state.agent_steps += _run_episodes(process, learning, *state.trained, state.episode, until)
     state.episode = until

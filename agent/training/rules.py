@@ -115,7 +115,6 @@ def advance_by(
 ) -> None:
     """Train a state up to episode `until` by a rule (`agent.training.methods.learner`)."""
     state.agent_steps += _compiled(_run_episodes)(
-        _compiled(rule), process, learning, state.q, state.visits, state.random, state.curve,
-        state.episode, until,
-    )  # fmt: skip
+        _compiled(rule), process, learning, *state.trained, state.episode, until
+    )
     state.episode = until
