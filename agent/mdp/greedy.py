@@ -43,13 +43,8 @@ from cosim.recording.series import PolicyMap
 def on_grid(process: Process, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
     """Return what robots see, as a world of the grid and as rows of their tables.
 
-    Args:
-        process: the decision process.
-        observation: int64, C-contiguous.
-
-    Returns:
-        World (N, 11) without last moves and status, and state indices (N,); indices are −1 and the
-        world is 0 if a cell is off the board.
+    Of an observation int64, C-contiguous, the world (N, 11) without last moves and status, and
+    state indices (N,); indices are −1 and the world is 0 if a cell is off the board.
     """
     cells = observation.cells
     columns, rows = process.terrain.shape[1] - 2, process.terrain.shape[2] - 2

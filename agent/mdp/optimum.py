@@ -49,19 +49,12 @@ class Bound(NamedTuple):
     relaxed: bool  # whether each robot was taken alone
 
     def of_starts(self, starts: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
-        """Mean over robots of path length in cells and of moves.
+        """Means over robots of path lengths in cells and of moves, (K,) float64 each.
 
-        Args:
-            starts: (K, N, 2) int64 cells.
-            rows: of the board.
-
-        Returns:
-            Two arrays (K,) float64.
+        From (K, N, 2) int64 cells of a board with that number of rows.
         """
-        return (
-            _of_starts(self.path_cells, starts, rows, self.relaxed),
-            _of_starts(self.steps, starts, rows, self.relaxed),
-        )
+        path_cells = _of_starts(self.path_cells, starts, rows, self.relaxed)
+        return path_cells, _of_starts(self.steps, starts, rows, self.relaxed)
 
 
 def _of_starts(costs: np.ndarray, starts: np.ndarray, rows: int, alone: bool) -> np.ndarray:
@@ -118,10 +111,8 @@ def require_paths(process: Process, costs: np.ndarray, *, alone: bool = False) -
     """Refuse starts from which the targets cannot be reached.
 
     Args:
-        process: of one robot or more.
         costs: (cells,) or (cells, cells) float64, inf where there is no path, by the cells of all
             robots; or (robots, cells), of each robot alone.
-        alone: whether they are of each robot alone.
     """
     starts = joint_starts(process)
     without = starts[~np.isfinite(_of_starts(costs, starts, process.terrain.shape[2] - 2, alone))]

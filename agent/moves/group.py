@@ -100,11 +100,9 @@ def _is_clear(
     The first move of robots that are nearer than they should be has to lead apart.
 
     Args:
-        group: see `Group`.
         plans: (N, _MOST_MOVES, 4) float64, moves that robots have begun or planned.
         counts: (N,) int64, their number.
         since: (N, _SLICES) int64, see `_index`.
-        k: robot.
         own: (4,) float64, its move; one that begins at −inf is its first.
         share: of the squared distances to keep.
     """
@@ -165,12 +163,9 @@ def _search(
     """Add a path to the plans of robot k, from where its last move ends.
 
     Args:
-        group, plans, counts, since: see `_is_clear`; updated.
-        k: robot.
-        axis: that it faces, from `begin` on, in s.
-        begin: see `axis`.
+        plans, counts, since: see `_is_clear`; updated.
+        axis, begin: what robot k faces, from when on in s.
         parked: bits of the robots with targets that it drives around.
-        share: see `_is_clear`.
         reached: (cells, AXIS_COUNT, _SLICES) int16, working memory: the last search that has
             reached a cell with an axis in a slice of time.
         stamp: of this search.
@@ -255,7 +250,6 @@ def plan(
     """Plan for all robots.
 
     Args:
-        group: see `Group`.
         cells: (N,) int64, cell of each robot.
         goals: (N,) int64, cell that each robot drives to; its own if it waits.
         axes: (N,) int64, axis that each robot faces.
@@ -360,9 +354,7 @@ def _open_moves(board: Board, k: int, parked: int, after: np.ndarray) -> None:
 def group_of(process: Process, moves: ObservedMoves) -> Group:
     """Return what the robots of a process plan by; less than a second for six robots.
 
-    Args:
-        process: of at most `MOST_CELLS` cells, and of no more robots than `MOST_TIMES` permits.
-        moves: of one world.
+    It has at most `MOST_CELLS` cells and the robots that `MOST_TIMES` permits, the moves one world.
     """
     board = board_of(process, moves)
     n, cells = board.after.shape[:2]

@@ -59,11 +59,7 @@ def least_times(process: Process, moves: ObservedMoves) -> np.ndarray:
 
 
 def fastest_tables(process: Process, moves: ObservedMoves) -> tuple[np.ndarray, np.ndarray]:
-    """Tables by which a robot alone takes the least mean time.
-
-    Args:
-        process: of one robot with features x, y and h.
-        moves: of one world.
+    """Tables by which one robot, with features x, y and h, takes the least mean time.
 
     Returns:
         Action values (1, states, 8) float32, minus the time in s that a move leads to, and (1,

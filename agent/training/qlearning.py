@@ -76,13 +76,7 @@ def log_episode(
 ) -> None:
     """Add an episode to its point of the learning curves, if it is in the point's window.
 
-    Args:
-        learning: for the points.
-        curve: of `TrainingState`, updated.
-        episode: its number.
-        success: whether it ended in success.
-        path_cells, moves: of all robots together.
-        returns: (N,) float64, of each robot.
+    Path and moves are those of all robots together, returns (N,) float64 those of each.
     """
     if episode % learning.log_episodes < learning.log_episodes - learning.log_window:
         return
