@@ -267,23 +267,18 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
                 f"{name} has no effect on a machine with motors or feet of its own, which drives "
                 "at the speeds that its primitives have; leave it out"
             )
-    sideways = {"leftwards", "rightwards"} <= can
-    none = np.zeros(config.robot.motors_count)
-    drives = [n for n in DRIVES if n in can and (sideways or n in ("forwards", "backwards"))]
+    if not {"leftwards", "rightwards"} <= can:
+        can -= {"leftwards", "rightwards"}
     speeds = {n: float(np.abs(found[n].set_points_rad_s).max()) for n in DIRECTIONS}
-    turn_speed = max(speeds["left turn"], speeds["right turn"])
-    side_speed = max(speeds["leftwards"], speeds["rightwards"]) if sideways else 0.0
-    of_speed = {"leftwards": side_speed, "rightwards": side_speed} | dict.fromkeys(
-        ("left turn", "right turn"), turn_speed
+    for pair in (("leftwards", "rightwards"), ("left turn", "right turn")):  # share a speed
+        speeds |= dict.fromkeys(pair, max(speeds[name] for name in pair))
+    speeds |= dict.fromkeys(DIRECTIONS.keys() - can, 0.0)
+    none, ahead = np.zeros(config.robot.motors_count), found["forwards"]
+    shares = (
+        np.array(found[n].set_points_rad_s) / speeds[n] if n in can else none for n in DIRECTIONS
     )
-
-    def shares(name: str) -> np.ndarray:
-        if name not in can or (name in ("leftwards", "rightwards") and not sideways):
-            return none
-        return np.array(found[name].set_points_rad_s) / of_speed.get(name, speeds[name])
-
-    ahead = found["forwards"]
-    rows = zip(*(shares(name) for name in DIRECTIONS), ahead.difference, strict=True)
+    rows = zip(*shares, ahead.difference, strict=True)
+    drives = [name for name in DRIVES if name in can]
     speed_m_s = np.mean([abs(np.array(found[n].mean) @ DIRECTIONS[n]) for n in drives])
     rate = np.mean([abs(found[n].mean[2]) for n in ("left turn", "right turn")])
     top = FASTEST * config.top_speed_rad_s
@@ -291,9 +286,9 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
         "found, see docs/steering.md",
         shares=tuple(MotorShares(*map(float, row)) for row in rows),
         forward_speed_rad_s=speeds["forwards"],
-        backward_speed_rad_s=speeds["backwards"] if "backwards" in can else 0.0,
-        side_speed_rad_s=side_speed,
-        turn_speed_rad_s=turn_speed,
+        backward_speed_rad_s=speeds["backwards"],
+        side_speed_rad_s=speeds["leftwards"],
+        turn_speed_rad_s=speeds["left turn"],
         max_speed_rad_s=top,
         drive_speed_m_s=float(speed_m_s),
         turn_rate_rad_s=float(rate),
