@@ -92,13 +92,17 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
             f"scenario {scenario.name}: distance_limit_m = {config.distance_limit_m:g} is more "
             f"than {MAX_SIDE_CELLS} cells; make it smaller"
         )
-    strides, state_count = _strides(scenario, config)
+    strides: dict[str, int] = dict.fromkeys(FEATURES, 0)  # 0 of a feature that is not used
+    state_count = 1
+    for feature, size in reversed(feature_sizes(scenario, config).items()):
+        strides[feature] = state_count
+        state_count *= size
     if scenario.robots * state_count > MAX_STATES:
         raise UserError(
             f"scenario {scenario.name}: the robots' tables have {scenario.robots * state_count:,} "
             f"states, more than {MAX_STATES:,}; choose fewer features, robots or cells"
         )
-    if strides[FEATURES.index("p")] and state_count > MAX_JOINT_STATES:
+    if strides["p"] and state_count > MAX_JOINT_STATES:
         raise UserError(
             f"scenario {scenario.name}: feature p makes a robot's table {state_count:,} states "
             f"large, more than {MAX_JOINT_STATES:,}; leave p out or choose a smaller board"
@@ -114,7 +118,7 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
         thresholds=thresholds,
         move_reward=_move_reward(scenario, config),
         goal_reward=np.float32(config.goal_reward),
-        strides=strides,
+        strides=tuple(strides.values()),
         state_count=state_count,
         bearings=_bearings(scenario),
         swept=config.collision == "swept",
@@ -210,16 +214,6 @@ def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
             "no other; name x, y or h as well"
         )
     return used
-
-
-def _strides(scenario: Scenario, config: ProcessConfig) -> tuple[tuple[int, ...], int]:
-    """Strides of the state index and the number of states; a feature not used has stride 0."""
-    strides: dict[str, int] = dict.fromkeys(FEATURES, 0)
-    states = 1
-    for name, size in reversed(feature_sizes(scenario, config).items()):
-        strides[name] = states
-        states *= size
-    return tuple(strides.values()), states
 
 
 def _bearings(scenario: Scenario) -> np.ndarray:

@@ -194,6 +194,26 @@ def least_alone(after: np.ndarray, costs: np.ndarray) -> np.ndarray:
     return value
 
 
+def tables_alone(
+    after: np.ndarray, costs: np.ndarray, value: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tables of a robot alone: action values (1, cells · axes, 8) float32, minus costs.
+
+    And (1, cells · axes) bool, whether there is anything to decide and a path to the target.
+
+    Args:
+        after: (cells, 8) int64, see `cells_after`.
+        costs, value: see `iterate_alone`, which found the latter.
+    """
+    rest = np.where(
+        after == BLOCKED, np.inf, value[after, np.arange(DIRECTION_COUNT) % value.shape[1]]
+    )
+    total = costs.T + rest[:, None]
+    decided = (value > 0.0) & (value < np.inf)
+    table = np.where(decided[..., None] & (total < np.inf), -total, IMPOSSIBLE)
+    return table.reshape(1, -1, DIRECTION_COUNT).astype(np.float32), decided.reshape(1, -1)
+
+
 def joint_states(process: Process) -> tuple[np.ndarray, np.ndarray]:
     """Joint states of two robots, (cells, cells) bool: those to continue from, and the end."""
     rows = process.terrain.shape[2] - 2

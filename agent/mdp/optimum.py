@@ -18,12 +18,12 @@ from agent.mdp.exact import Evaluation, joint_starts
 from agent.mdp.grid import SQRT_2
 from agent.mdp.interpretations import FREE, GOAL, MAX_JOINT_STATES, Process
 from agent.mdp.joint import (
-    BLOCKED,
     IMPOSSIBLE,
     cells_after,
     joint_states,
     least_alone,
     solve,
+    tables_alone,
     tabulate,
 )
 from cosim.base.errors import UserError
@@ -146,23 +146,13 @@ def computed_tables(process: Process) -> tuple[np.ndarray, np.ndarray]:
     value, costs = bound.path_cells, _PATH_COSTS
     after = cells_after(process)
     if robots == 1:
-        return _tables_alone(after, costs, value[None])
+        return tables_alone(after[0], costs[:, None], value[:, None])
     free, _ = joint_states(process)
     table = np.full((2, *free.shape, DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
     tabulate(process, after, costs, free, value, table)
     free &= value < np.inf
     decided = np.stack([free, free.T]).reshape(2, -1)
     return table.reshape(2, -1, DIRECTION_COUNT), decided
-
-
-def _tables_alone(
-    after: np.ndarray, costs: np.ndarray, value: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what `computed_tables` returns, of robots alone."""
-    free = (value > 0.0) & (value < np.inf)
-    reached = costs + np.take_along_axis(value[:, None], after, axis=2)
-    possible = free[..., None] & (after != BLOCKED) & (reached < np.inf)
-    return np.where(possible, -reached, IMPOSSIBLE).astype(np.float32), free
 
 
 def _load(path: Path) -> Bound:

@@ -15,7 +15,7 @@ import numpy as np
 
 from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.interpretations import Process
-from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, least_alone
+from agent.mdp.joint import BLOCKED, cells_after, least_alone, tables_alone
 from agent.mdp.optimum import require_paths
 from agent.moves.model import KINDS, ObservedMoves, move_kind
 from cosim.base.errors import UserError
@@ -67,12 +67,7 @@ def fastest_tables(process: Process, moves: ObservedMoves) -> tuple[np.ndarray, 
     """
     value, after = least_times(process, moves)[0], cells_after(process)[0]
     require_paths(process, value[:, STARTING_AXIS])
-    axes = np.arange(DIRECTION_COUNT) % AXIS_COUNT
-    rest = np.where(after == BLOCKED, np.inf, value[after, axes])
-    time_s = mean_seconds(moves).T + rest[:, None]
-    decided = (value > 0.0) & (value < np.inf)
-    table = np.where(decided[..., None] & (time_s < np.inf), -time_s, IMPOSSIBLE)
-    return table.reshape(1, -1, DIRECTION_COUNT).astype(np.float32), decided.reshape(1, -1)
+    return tables_alone(after, mean_seconds(moves), value)
 
 
 class Board(NamedTuple):

@@ -48,7 +48,8 @@ FINALISTS, TRIES = 4, 6  # of every round, driven again: one drive may have been
 SPREADS = (0.06, 0.02, 0.01)  # of these changes, as shares of the largest speed, round by round
 TOGETHER = 16  # robots in a thread
 REPEATS, REPEATS_S = 12, 5.0  # with other noise, of what is found
-_STUDENT = 2.201  # 97.5 % quantile with 11 degrees of freedom
+# Of a 95 % interval of a mean, over the spread: the 97.5 % quantile with 11 degrees of freedom
+_HALF_WIDTH = 2.201 / math.sqrt(REPEATS)
 STARTS = 6  # set points of the library that are tried for longer, for each primitive
 ASIDE = 2.0  # what a motion aside costs, over what one ahead is worth
 TURNING_1_S = 2.0  # assumed: yaw rate of a driving robot per heading error, as the paper's has it
@@ -75,11 +76,6 @@ class Primitive(msgspec.Struct, frozen=True):
     airborne_share: float
     difference: tuple[float, ...]
     yaw_gain: float
-
-    @property
-    def half_widths(self) -> np.ndarray:
-        """Half widths of 95 % intervals of the means."""
-        return _STUDENT * np.array(self.spread) / math.sqrt(REPEATS)
 
 
 class _Search:
@@ -227,12 +223,10 @@ def primitive_rows(found: dict[str, Primitive], config: CoSimConfig) -> list[tup
     """Rows of a table: name, means with 95 % intervals and spread, share in the air, set points."""
     rows = []
     for name, primitive in found.items():
-        units, widths = (1e3, 1e3, math.degrees(1.0)), primitive.half_widths
+        units = (1e3, 1e3, math.degrees(1.0))
         motion = (
-            f"{unit * mean:.2f} ± {unit * width:.2f} (σ {unit * spread:.2f})"
-            for unit, mean, width, spread in zip(
-                units, primitive.mean, widths, primitive.spread, strict=True
-            )
+            f"{unit * mean:.2f} ± {unit * _HALF_WIDTH * spread:.2f} (σ {unit * spread:.2f})"
+            for unit, mean, spread in zip(units, primitive.mean, primitive.spread, strict=True)
         )
         can = able(primitive, name, 0.5 * config.robot.diameter_m)
         speeds = " ".join(f"{value:.0f}" for value in primitive.set_points_rad_s)
