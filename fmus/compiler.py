@@ -96,11 +96,7 @@ def unit_file(model: Model, fmi: Fmi) -> str:
 
 
 def source_files(model: Model, fmi: Fmi, header: str) -> dict[str, bytes]:
-    """All sources of one FMU, but the standard's headers.
-
-    Returns:
-        Content by file name.
-    """
+    """All sources of one FMU, but the standard's headers: content by file name."""
     files, names = {}, [unit_file(model, fmi)]
     for name in names:  # which grow by what the files include
         if name not in files and (path := find(model, name)):
@@ -112,8 +108,7 @@ def source_files(model: Model, fmi: Fmi, header: str) -> dict[str, bytes]:
 def compile_library(model: Model, header: str, target: str) -> bytes:
     """Compile the C code into a shared library that has the functions of all the model's standards.
 
-    Returns:
-        The library's bytes, the same at every build with the same compiler.
+    Its bytes are the same at every build with the same compiler.
     """
     command = compiler_command()
     if "ziglang" in command:
@@ -132,11 +127,7 @@ def compile_library(model: Model, header: str, target: str) -> bytes:
 
 
 def run_compiler(command: Sequence[str], work: Path, purpose: str) -> None:
-    """Run a command of the C compiler in a folder, in which zig keeps what it caches.
-
-    Args:
-        purpose: what is compiled, for the message.
-    """
+    """Run a command of the C compiler, for a purpose, in a folder in which zig keeps its cache."""
     run = subprocess.run(
         command,
         cwd=work,

@@ -18,21 +18,17 @@ from cosim.onboard.features import Observation
 def failed(step: Step, arrived: np.ndarray) -> np.ndarray:
     """(N,) bool, robots that failed in an RL step: they touched something or left the board.
 
-    A robot that had arrived before does not fail when touched; arguments as `step_reward`.
+    A robot that had arrived before does not fail when touched; arguments as `reward_parts`.
     """
     return (step.events != RUNNING) & ~(arrived & (step.action < 0))
 
 
-def step_reward(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
-    """Reward of each robot that was driving in an RL step or failed in it, NaN for the others.
-
-    (N,) float64, Eq. (8) and (11); `arrived`, (N,) bool, has the robots at their targets after it.
-    """
-    return reward_parts(process, step, arrived).sum(axis=1)
-
-
 def reward_parts(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
-    """Return rewards by parts, (N, 3) float64: goal or failure, step, nearness of another robot."""
+    """Return rewards by parts, (N, 3) float64: goal or failure, step, nearness of another robot.
+
+    Eq. (8) and (11) of each robot that was driving in an RL step or failed in it, NaN of the
+    others; `arrived`, (N,) bool, has the robots at their targets after it.
+    """
     parts = np.full((len(step.action), 3), np.nan)
     goal = float(process.goal_reward)
     share = {

@@ -49,10 +49,9 @@ def _run_episodes(
     last: int,
     discounts: np.ndarray,
 ) -> int:
-    """Train over episodes [first, last); all arrays but `discounts` (see `_discounts`) are updated.
+    """Train over episodes [first, last), and return the decisions made.
 
-    Returns:
-        The decisions made.
+    All arrays but `discounts` (see `_discounts`) are updated.
     """
     n = len(process.start_offsets) - 1
     world = np.empty((n, COLUMN_COUNT), dtype=np.int64)
