@@ -205,12 +205,8 @@ def _search(
             if count == len(nodes) or left == np.inf:
                 continue
             reached[q, next_axis, piece] = stamp
-            nodes[count, 0], nodes[count, 1], nodes[count, 2], clock[count] = (
-                q,
-                next_axis,
-                node,
-                then,
-            )
+            nodes[count, 0], nodes[count, 1], nodes[count, 2] = q, next_axis, node
+            clock[count] = then
             heapq.heappush(queue, (max(parks_from, then + _WEIGHT * left), np.float64(left), count))
             count += 1
     return math.inf
