@@ -128,34 +128,40 @@ def _summed(
 
     Mirror images are added first, which keeps the mirror symmetry exact in rounding.
     """
-    if len(feet) == 0:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
     x, y = feet[0]
-    first = plus(at[0][1], at[0][0], normal)
+    both = apart = plus(at[0][1], at[0][0], normal)
     if len(pairs) > 0:
         second = plus(at[1][1], at[1][0], normal)
-        rest, levers = _summed(pairs[1:], feet[2:], at[2:], normal)
-        both, apart = plus(first, 1.0, second), plus(first, -1.0, second)
+        both, apart = plus(both, 1.0, second), plus(both, -1.0, second)
+    levers = x * both[2], y * apart[2], x * both[1], y * apart[0]
+    # A sum ends with its last foot: adding a zero would take time in every tick.
+    if len(pairs) > 0:
+        if len(feet) == 2:
+            return both, levers
+        rest, others = _summed(pairs[1:], feet[2:], at[2:], normal)
     else:
-        rest, levers = _summed(pairs, feet[1:], at[1:], normal)
-        both = apart = first
+        if len(feet) == 1:
+            return both, levers
+        rest, others = _summed(pairs, feet[1:], at[1:], normal)
     return plus(both, 1.0, rest), (
-        x * both[2] + levers[0],
-        y * apart[2] + levers[1],
-        x * both[1] + levers[2],
-        y * apart[0] + levers[3],
+        levers[0] + others[0],
+        levers[1] + others[1],
+        levers[2] + others[2],
+        levers[3] + others[3],
     )
 
 
 @unrolled
 def _changes(pairs: tuple[int, ...], after: tuple[Impulse, ...], at: tuple[Impulse, ...]) -> float:
     """Sum of the changes of normal impulses, in the order of `_summed`."""
-    if len(at) == 0:
-        return 0.0
     change = abs(after[0][0] - at[0][0])
     if len(pairs) > 0:
         change += abs(after[1][0] - at[1][0])
+        if len(at) == 2:
+            return change
         return change + _changes(pairs[1:], after[2:], at[2:])
+    if len(at) == 1:
+        return change
     return change + _changes(pairs, after[1:], at[1:])
 
 

@@ -129,13 +129,15 @@ def motor_wrenches(
         mounts: of the motors, in the order of their pairing.
         outputs: (θ, ω, ω̇) of each.
     """
-    if len(mounts) == 0:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     force, moment = motor_wrench(mounts[0], mounts[0].shaft, *outputs[0])
     if len(pairs) > 0:
         f, m = motor_wrench(mounts[1], mounts[1].shaft, *outputs[1])
         force, moment = plus(force, 1.0, f), plus(moment, 1.0, m)
+        if len(mounts) == 2:
+            return force, moment
         f, m = motor_wrenches(pairs[1:], mounts[2:], outputs[2:])
     else:
+        if len(mounts) == 1:
+            return force, moment
         f, m = motor_wrenches(pairs, mounts[1:], outputs[1:])
     return plus(force, 1.0, f), plus(moment, 1.0, m)

@@ -11,7 +11,8 @@ from cosim.base.jit import is_compiled
 from cosim.coupling.master import run_periods
 from cosim.simulation.batch import places_for
 
-# Only what is compiled is imported. FMUs and parameters make no difference to kernels.
+# Only what is compiled is imported. FMUs and parameters make no difference to kernels; those of
+# machines with other motors or feet are compiled when they are calibrated.
 _COMPILE = """
 from cosim.model.config import CoSimConfig
 from cosim.simulation.batch import Batch
