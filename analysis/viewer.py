@@ -53,8 +53,6 @@ def screenshot(
     """Open a recording headless, save a picture (PNG), and return the viewer's report.
 
     Args:
-        time_s: simulated time to show.
-        tab: name of the tab to show; the first one by default.
         visit_tabs: whether every tab is drawn before, for a report on all views.
     """
     require_file(recording, Kind("recording", "name an .rrd file"))

@@ -43,9 +43,6 @@ def build_fmu(
     Args:
         out_dir: folder that receives the FMU, which has the model's name; made if missing.
         targets: platforms, keys of `fmus.compiler.TARGETS`; by default this machine's.
-
-    Returns:
-        Path of the FMU; the file appears whole or not at all.
     """
     return build_fmus({"3": out_dir / f"{model}.fmu"}, targets or [host_target()], model=model)[0]
 

@@ -415,7 +415,6 @@ def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -
 
     Args:
         motion: of the R robots of some boards, which have the same size and one calibration.
-        robots: of each board.
         worlds: (R, 5) of `Driven`, to observe as well; None for none.
     """
     poses, velocities, speeds, targets_m = motion[:4]

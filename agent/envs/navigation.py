@@ -48,9 +48,6 @@ def direction_boards(
     """Return the boards of an environment: on the grid, or in the full co-simulation.
 
     Args:
-        count: boards.
-        scenario: name of a built-in scenario, a scenario file, or a scenario.
-        process: interpretations of the decision process.
         cosim: simulate motors and contacts instead of moving on the grid.
         max_episode_steps: limit of steps, next to the process's own `step_limit`, and in the
             co-simulation to the physics' `time_limit`.
@@ -258,9 +255,8 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
         """Let every agent take its action; nothing happens after the end of an episode.
 
         Raises:
-            ConfigError: an agent has no action, or one that is no direction; or an unknown agent
-                has one.
-            ConfigError: the environment is closed.
+            ConfigError: an agent has no action, or one that is no direction; an unknown agent has
+                one; or the environment is closed.
         """
         self._require_open()
         if not self.agents:

@@ -39,7 +39,6 @@ def train_and_evaluate(
 
     Args:
         out: folder, which may have some of the runs already.
-        where, progress: see `agent.training.runs.make_runs`.
         log: folder of event files for TensorBoard, one in a folder for each run.
     """
     if log is not None:
@@ -82,10 +81,8 @@ def run_experiment(
 
     Args:
         out: folder, which may have some of the runs already.
-        runs: of each variant.
         seed: that the runs' seeds are spawned from, the same for all variants.
         episodes, greedy_points: of training, of each run; see `LearningConfig`.
-        where, progress: see `agent.training.runs.make_runs`.
     """
     began = time.perf_counter()
     variants: dict[str, VariantResult] = {}

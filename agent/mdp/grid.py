@@ -96,10 +96,8 @@ def place_randomly(
     """Put the robots on uniformly drawn start cells, drawn again while any two touch.
 
     Args:
-        process: the decision process.
         world: written.
         cells: (N, 2) int64, written with the cells drawn.
-        random: generator state, advanced.
     """
     while True:
         for i in range(len(process.start_offsets) - 1):
@@ -154,7 +152,6 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
     """Move all robots that are still moving by one cell at once.
 
     Args:
-        process: the decision process.
         world: updated.
         actions: (N,) int64 directions executed; ignored for robots that do not move.
         rewards: (N,) float32, written with Eq. (8) or (11); 0 for robots that did not move.

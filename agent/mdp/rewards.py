@@ -27,8 +27,6 @@ def step_reward(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray
     """Reward of each robot that was driving in an RL step or failed in it, NaN for the others.
 
     Args:
-        process: tables of the decision process.
-        step: an RL step of the co-simulation.
         arrived: (N,) bool, robots at their targets after the step.
 
     Returns:

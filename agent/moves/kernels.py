@@ -193,8 +193,6 @@ def step(
     """Let RL steps pass until a robot waits, or 2 s.
 
     Args:
-        process: the decision process.
-        model: for the length of the step and the distance of contact.
         world: columns of `agent.mdp.grid`, updated; CLASS, SIGN, BEARING and PARTNER are what
             each robot sees now, SQUARED stays that of its last decision.
         plans: (N, PLAN_SIZE), updated.

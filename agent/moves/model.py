@@ -123,7 +123,6 @@ def build_model(moves: ObservedMoves, contact_cells: float) -> MoveModel:
     """Moves by kind, for the kernels.
 
     Args:
-        moves: observed moves.
         contact_cells: centre distance in cells at which training counts a contact.
     """
     require_rl_step(moves.rl_step_s)

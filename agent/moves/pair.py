@@ -71,7 +71,6 @@ def _sweep(board: Board, order: np.ndarray, free: np.ndarray, value: np.ndarray)
     """Update all states once, in place; return the largest change in s.
 
     Args:
-        board: that they drive on.
         order: (2, cells) int64, cells of each robot by its time alone, the nearest first.
         free: (cells, cells) bool, cells in which robots may be and continue.
         value: (cells, AXIS_COUNT, cells, AXIS_COUNT) float32 in s; updated.
@@ -151,7 +150,6 @@ def pair_values(
     the value is the larger the further robots stay apart.
 
     Args:
-        times: see `solve_pair`.
         cells: (2,) int64, cell of each robot.
         goals: (2,) int64, cell that each robot drives to; its own if it waits.
         axes: (2,) int64, axis that each robot faces.

@@ -64,10 +64,7 @@ def draw_world(
     """A world for a walk that begins in the middle of a board.
 
     Args:
-        ranges: to draw from, with μ.
-        side_cells: of the board.
         reach_cells: how far from the middle patches begin.
-        rng: is drawn from.
     """
 
     def one(range_: Range | None) -> float:
@@ -99,12 +96,7 @@ def draw_world(
 
 
 def checked_ranges(worlds: Any, config: CoSimConfig) -> WorldRange:
-    """Return ranges of valid worlds, with μ.
-
-    Args:
-        worlds: as a user gives them.
-        config: of its robots.
-    """
+    """Return ranges of valid worlds, with μ."""
     if not isinstance(worlds, WorldRange):
         raise ConfigError(
             f"worlds = {worlds!r} has no ranges; give agent.envs.WorldRange(mu=(0.1, 0.26)), or "

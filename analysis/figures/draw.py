@@ -33,8 +33,6 @@ def draw_figures(
     """Draw what can be drawn.
 
     Args:
-        results: folder of results.
-        out: folder to write to.
         small: whether only PNGs of 900 pixels are written, for the docs.
 
     Returns:

@@ -123,8 +123,6 @@ def draw(
     Args:
         motor, proposed: parameters of the FMU, and the same with the proposed gains.
         frequencies_rad_s, measured: (n,) the closed loop's response of the FMU.
-        steps: of `compare_gains`.
-        omega_des: their set point in rad/s.
     """
     loops = {"theory": (speed_loop(motor), BLUE), "proposed": (speed_loop(proposed), GREEN)}
     merits = {name: figures_of_merit(loop) for name, (loop, _) in loops.items()}

@@ -76,13 +76,7 @@ BAND = 0.02
 
 
 def rise(time_s: np.ndarray, omega: np.ndarray, set_point: float) -> Rise:
-    """Return how a speed comes up to its set point.
-
-    Args:
-        time_s: (n,) from the step on.
-        omega: (n,) speed in rad/s.
-        set_point: in rad/s.
-    """
+    """Return how a speed (n,) in rad/s comes up to its set point at times (n,) since the step."""
     near = np.abs(omega - set_point) <= BAND * set_point
     stays = np.logical_and.accumulate(near[::-1])[::-1]
     to_63, to_90, to_98, within = (
