@@ -1,18 +1,39 @@
 """The experiments: which variants each of them compares, and with which one."""
 
 import itertools
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
+import tyro
 
 from agent.mdp.config import ProcessConfig
 from agent.training.settings import LearningConfig
+from cosim.base.command import Checked, Count, NewFolder, Seed
+from cosim.base.jobs import PROCESSES, Where
 from cosim.base.reading import Kind, read_toml
 
 Name = Literal["fig08", "fig10", "fig11", "features", "readings", "zone", "factorial", "sequel"]
 _DECLARED = Path(__file__).with_name("experiments.toml")
 _COEFFICIENTS = (1.0, 1.5, 2.0, 5.0)  # c of Fig. 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentOptions(Checked):
+    """How an experiment is run."""
+
+    experiment: Annotated[Name, tyro.conf.Positional]
+    """Experiment to run."""
+    out: NewFolder = None
+    runs: Count = 20
+    """Independent runs of each variant (the paper: 20)."""
+    seed: Seed = 0
+    episodes: Count = LearningConfig().episodes
+    """Training episodes of a run (Section V: 5 000 000)."""
+    greedy_points: Count = LearningConfig().greedy_points
+    """Exact evaluations of the greedy policy during a run, evenly spread."""
+    where: Where = PROCESSES
 
 
 class Variant(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

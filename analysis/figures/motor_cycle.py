@@ -139,7 +139,7 @@ def _mean(values: np.ndarray, dt_s: float) -> np.ndarray:
 
 
 def _largest_impact(load: np.ndarray, dt_s: float) -> float:
-    """Return the largest normal impulse in N s of a foot in the two ticks in which it lands, or 0."""
+    """Return the largest normal impulse in N s of a foot in the two ticks in which it lands."""
     landed = (load[:-2] == 0.0) & (load[1:-1] > 0.0)
     return float(np.where(landed, load[1:-1] + load[2:], 0.0).max(initial=0.0)) * dt_s
 
