@@ -41,26 +41,22 @@ _CURVES = 3  # signals that are drawn, at most
 
 
 class Comparison(msgspec.Struct, frozen=True):
-    """Two episodes and what differs between them.
-
-    Attributes:
-        recordings: of both.
-        complete: whether the first one's writer completed it; else both are compared up to its end.
-        outcomes, times_s: how and when each ended.
-        facts, parameters: values of both, by the name of what differs.
-        signals, values: that were compared, states and log lines among them.
-        differences: time from which on signals differ in a bit, the earliest first; None where
-            one of them lacks samples.
-    """
+    """Two episodes and what differs between them."""
 
     recordings: tuple[str, str]
+    # Whether the first one's writer completed it; else both are compared up to its end
     complete: bool
+    # outcomes, times_s: how and when each ended
     outcomes: tuple[str, str]
     times_s: tuple[float, float]
+    # facts, parameters: values of both, by the name of what differs
     facts: dict[str, tuple[Any, Any]]
     parameters: dict[str, tuple[Any, Any]]
+    # signals, values: that were compared, states and log lines among them
     signals: int
     values: int
+    # Time from which on signals differ in a bit, the earliest first; None where one of them lacks
+    # samples
     differences: dict[str, float | None]
 
 

@@ -49,23 +49,14 @@ ACTIONS = ("velocity", "motors")
 
 
 class Driven(NamedTuple):
-    """Robots of K boards that are driven; float64, a row for each of the K · N.
+    """Robots of K boards that are driven; float64, a row for each of the K · N."""
 
-    Attributes:
-        poses: (K N, 3) x, y in m and heading in rad, as the learner knows them.
-        velocities: (K N, 3) see `cosim.simulation.driving.DriveObservation`.
-        targets_m: (K N, 2).
-        away_m: (K N,) true distances from the targets.
-        dither: (K N, 2) see `set_points`.
-        worlds: (K N, 5) of the episodes: µ, motor spread, restitution, slope in deg, payload in
-            10 g.
-    """
-
-    poses: np.ndarray
-    velocities: np.ndarray
-    targets_m: np.ndarray
-    away_m: np.ndarray
-    dither: np.ndarray
+    poses: np.ndarray  # (K N, 3) x, y in m and heading in rad, as the learner knows them
+    velocities: np.ndarray  # (K N, 3) see `cosim.simulation.driving.DriveObservation`
+    targets_m: np.ndarray  # (K N, 2)
+    away_m: np.ndarray  # (K N,) true distances from the targets
+    dither: np.ndarray  # (K N, 2) see `set_points`
+    # (K N, 5) of the episodes: µ, motor spread, restitution, slope in deg, payload in 10 g
     worlds: np.ndarray
 
 

@@ -36,14 +36,10 @@ class SequentialTest:
     and that to refuse one that is not above it, are each at most alpha, however long it takes.
     Episodes go round strata (starts) in a random order, each round on its own, or are independent
     draws; what is tested is the mean rate over all strata.
-
-    Attributes:
-        limit: of the rate, between 0 and 1.
-        alpha: bound of the probability of either error.
     """
 
-    limit: float
-    alpha: float
+    limit: float  # of the rate, between 0 and 1
+    alpha: float  # bound of the probability of either error
 
     def level(self, look: int) -> float:
         """Share of alpha that a look may spend, look = 0, 1, ...; all together spend alpha."""

@@ -37,20 +37,13 @@ class ExperimentOptions(Checked):
 
 
 class Variant(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One line of a figure or table.
-
-    Attributes:
-        label: for people.
-        scenario: name of a built-in scenario.
-        reference: name of the variant that it is compared with, if any.
-        process: interpretations of the decision process.
-        learning: learning configuration; the command may change its number of episodes.
-    """
+    """One line of a figure or table."""
 
     label: str
-    scenario: str
-    reference: str | None = None
+    scenario: str  # name of a built-in scenario
+    reference: str | None = None  # name of the variant that it is compared with, if any
     process: ProcessConfig = ProcessConfig()
+    # Learning configuration; the command may change its number of episodes
     learning: LearningConfig = LearningConfig()
 
 

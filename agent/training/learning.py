@@ -56,7 +56,7 @@ class TrainingState:
     agent_steps: int = 0  # decisions of all robots so far
 
     @property
-    def arrays(self) -> tuple[np.ndarray, ...]:
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return what the kernels update."""
         return self.q, self.visits, self.random, self.curve
 

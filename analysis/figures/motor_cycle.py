@@ -28,37 +28,22 @@ MEAN_S = 1e-4
 
 
 class Cycle(NamedTuple):
-    """One turn of motor D while a robot drives; n ticks.
-
-    Attributes:
-        robot: name.
-        time_s: (n,).
-        theta: (n, 2) angles of D and E, rad.
-        omega: (n, 2) speeds of D and E, rad/s.
-        apart_rad: mean angle between the masses; 0 where they push together, π where they cancel.
-        driving_n: (n,) force of both eccentric masses along the body's x axis, Eq. (3).
-        friction_n: (n,) friction of all feet along it, mean over MEAN_S.
-        holds_n: (n,) largest friction that the feet's load allows, likewise.
-        normal_n: (n, 3) load of feet A, B, C, likewise.
-        impact_n_s: largest normal impulse with which a foot lands.
-        lifted: (n, 3) bool, feet that carry nothing.
-        slides: (n, 3) bool, feet that slide.
-        ahead_m: (n,) distance along the body's x axis since the first tick.
-    """
+    """One turn of motor D while a robot drives; n ticks."""
 
     robot: str
-    time_s: np.ndarray
-    theta: np.ndarray
-    omega: np.ndarray
+    time_s: np.ndarray  # (n,)
+    theta: np.ndarray  # (n, 2) angles of D and E, rad
+    omega: np.ndarray  # (n, 2) speeds of D and E, rad/s
+    # Mean angle between the masses; 0 where they push together, π where they cancel
     apart_rad: float
-    driving_n: np.ndarray
-    friction_n: np.ndarray
-    holds_n: np.ndarray
-    normal_n: np.ndarray
-    impact_n_s: float
-    lifted: np.ndarray
-    slides: np.ndarray
-    ahead_m: np.ndarray
+    driving_n: np.ndarray  # (n,) force of both eccentric masses along the body's x axis, Eq. (3)
+    friction_n: np.ndarray  # (n,) friction of all feet along it, mean over MEAN_S
+    holds_n: np.ndarray  # (n,) largest friction that the feet's load allows, likewise
+    normal_n: np.ndarray  # (n, 3) load of feet A, B, C, likewise
+    impact_n_s: float  # largest normal impulse with which a foot lands
+    lifted: np.ndarray  # (n, 3) bool, feet that carry nothing
+    slides: np.ndarray  # (n, 3) bool, feet that slide
+    ahead_m: np.ndarray  # (n,) distance along the body's x axis since the first tick
 
 
 def find_cycle(episode: Episode) -> Cycle:

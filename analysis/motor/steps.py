@@ -25,19 +25,14 @@ STEP_S = 1e-5  # of the FMU
 
 
 class StepResponse(NamedTuple):
-    """A step response from rest.
+    """A step response from rest."""
 
-    Attributes:
-        K_p, K_i: gains in V s/rad and V/rad.
-        anti_windup: whether it is the FMU's own loop, else Eq. (14) without anti-windup.
-        rise: of the speed.
-        omega, voltage: (n,) speed in rad/s and voltage at the motor in V, every ms.
-    """
-
+    # K_p, K_i: gains in V s/rad and V/rad
     K_p: float
     K_i: float
-    anti_windup: bool
-    rise: Rise
+    anti_windup: bool  # whether it is the FMU's own loop, else Eq. (14) without anti-windup
+    rise: Rise  # of the speed
+    # omega, voltage: (n,) speed in rad/s and voltage at the motor in V, every ms
     omega: np.ndarray
     voltage: np.ndarray
 
