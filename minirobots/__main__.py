@@ -32,7 +32,6 @@ def main() -> None:
 
 
 def _print_completion() -> None:
-    """Print what a shell completes, of all commands at once."""
     from tyro.extras import SubcommandApp
 
     from minirobots.runner import line_of

@@ -57,7 +57,6 @@ class _Walker:
 
     @property
     def done(self) -> bool:
-        """Return whether every kind was seen often enough."""
         return bool((self._seen >= self._target).all())
 
     def choose(self, seen: Observation) -> np.ndarray:
