@@ -112,7 +112,8 @@ def render_description(model: Model, fmi: Fmi, token: str) -> bytes:
     if fmi == "2":
         _to_fmi2(root, model)
     root.set("guid" if fmi == "2" else "instantiationToken", token)
-    return _to_bytes(root)
+    ET.indent(root)
+    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
 def _to_fmi2(root: ET.Element, model: Model) -> None:
@@ -157,12 +158,6 @@ def render_build_description(model: Model, fmi: Fmi) -> bytes:
     return text.substitute(
         model=model, flag=SAME_BITS, file=unit_file(model, fmi), macro=PLAIN_NAMES[fmi]
     ).encode()
-
-
-def _to_bytes(root: ET.Element) -> bytes:
-    """Return a document as a file's content, the same for equal documents."""
-    ET.indent(root)
-    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
 def render_html(model: Model) -> bytes:

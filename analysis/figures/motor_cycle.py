@@ -99,6 +99,8 @@ def _cycle(episode: Episode, robot: str, rows: np.ndarray, *motion: np.ndarray) 
     headings = episode.signals[f"/sim/{robot}/heading"]
     heading = headings.values[np.argmin(np.abs(headings.time_s - time_s[0]))]
     theta, omega, _ = motion
+    landed = (load[:-2] == 0.0) & (load[1:-1] > 0.0)
+    impacts = np.where(landed, load[1:-1] + load[2:], 0.0)  # of two ticks
     return Cycle(
         robot,
         time_s,
@@ -109,7 +111,7 @@ def _cycle(episode: Episode, robot: str, rows: np.ndarray, *motion: np.ndarray) 
         _mean(friction.values[:, ::2].sum(axis=1), dt_s),
         _mean(mu * load.sum(axis=1), dt_s),
         np.apply_along_axis(_mean, 0, load, dt_s),
-        _largest_impact(load, dt_s),
+        float(impacts.max(initial=0.0)) * dt_s,
         load == 0.0,
         sliding(friction, normal, mu),
         (path - path[0]) @ [np.cos(heading), np.sin(heading)],
@@ -121,12 +123,6 @@ def _mean(values: np.ndarray, dt_s: float) -> np.ndarray:
     count = max(1, round(MEAN_S / dt_s))
     window = np.ones(count)
     return np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same")
-
-
-def _largest_impact(load: np.ndarray, dt_s: float) -> float:
-    """Return the largest normal impulse in N s of a foot in the two ticks in which it lands."""
-    landed = (load[:-2] == 0.0) & (load[1:-1] > 0.0)
-    return float(np.where(landed, load[1:-1] + load[2:], 0.0).max(initial=0.0)) * dt_s
 
 
 def _angles(

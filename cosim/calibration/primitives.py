@@ -68,11 +68,6 @@ class Primitive(msgspec.Struct, frozen=True):
     difference: tuple[float, ...]
     yaw_gain: float  # yaw rate that 1 rad/s of it gives
 
-    @property
-    def half_widths(self) -> np.ndarray:
-        """Half widths of 95 % intervals of the means."""
-        return _STUDENT * np.array(self.spread) / math.sqrt(REPEATS)
-
 
 class _Search:
     """Drives of one machine."""
@@ -219,7 +214,8 @@ def primitive_rows(found: dict[str, Primitive], config: CoSimConfig) -> list[tup
     """Rows of a table: name, means with 95 % intervals and spread, share in the air, set points."""
     rows = []
     for name, primitive in found.items():
-        units, widths = (1e3, 1e3, math.degrees(1.0)), primitive.half_widths
+        units = 1e3, 1e3, math.degrees(1.0)
+        widths = _STUDENT * np.array(primitive.spread) / math.sqrt(REPEATS)
         motion = (
             f"{unit * mean:.2f} ± {unit * width:.2f} (σ {unit * spread:.2f})"
             for unit, mean, width, spread in zip(
