@@ -89,10 +89,8 @@ def cached_fmu(model: Model = "VibrationMotors") -> Path:
     """A model's FMI 3.0 FMU: that of the wheel, or one that is built into the cache on first use.
 
     The cache's key is a hash of sources, rendered defaults, flags and compiler version. The file's
-    own hash stands beside it: a file that was damaged is built again.
-
-    Args:
-        model: what the FMU is of; the co-simulation uses the array of motors.
+    own hash is kept next to it: a file that was damaged is built again. The co-simulation uses the
+    array of motors.
     """
     path = _place(model)
     if path.parent == _CARRIED:

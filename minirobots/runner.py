@@ -139,11 +139,7 @@ def parse(
     arguments: list[str] | None = None,
     default: Options | None = None,
 ) -> Line[Options]:
-    """Return the options of a command line.
-
-    Args:
-        default: what the command line changes, instead of the record's own defaults.
-    """
+    """Return the options of a command line; what it leaves out is that of `default`, if any."""
     line, text = line_of(kind), io.StringIO()
     try:
         with contextlib.redirect_stderr(text):

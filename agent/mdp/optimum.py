@@ -173,11 +173,7 @@ def _load(path: Path) -> Bound:
 
 
 def ratios(process: Process, evaluation: Evaluation) -> tuple[float, float]:
-    """Path length and moves of a policy over the optimum, on the starts where it succeeds.
-
-    Returns:
-        Two ratios of means, at least 1; NaN without a success.
-    """
+    """Return mean path and moves of a policy over the optimum's, where it succeeds; else NaN."""
     succeeded = evaluation.outcome == SUCCESS
     path, steps = optimum(process).of_starts(
         evaluation.starts[succeeded], process.terrain.shape[2] - 2

@@ -120,11 +120,7 @@ def require_rl_step(rl_step_s: float) -> None:
 
 
 def build_model(moves: ObservedMoves, contact_cells: float) -> MoveModel:
-    """Moves by kind, for the kernels.
-
-    Args:
-        contact_cells: centre distance in cells at which training counts a contact.
-    """
+    """Return moves by kind; training counts a contact at a centre distance in cells."""
     require_rl_step(moves.rl_step_s)
     fastest = max(
         (

@@ -61,11 +61,7 @@ RANGES = WorldRange(
 def draw_world(
     ranges: WorldRange, side_cells: int, reach_cells: int, rng: np.random.Generator
 ) -> World:
-    """A world for a walk that begins in the middle of a board.
-
-    Args:
-        reach_cells: how far from the middle patches begin.
-    """
+    """Draw a world for a walk from the middle of a board; patches begin within a reach of it."""
 
     def one(range_: Range | None) -> float:
         assert range_ is not None

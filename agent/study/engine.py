@@ -195,10 +195,9 @@ def _decide(
 def _record(
     lines: Sequence[Line], store: EpisodeStore, count: int, threads: int, progress: Progress
 ) -> list[dict[int, Path]]:
-    """Simulate the first failures and successes of each row again, and record them.
+    """Record the first failures and successes of each row, and return paths by index of the start.
 
-    Returns:
-        The recordings of each row, by index of the start.
+    They are simulated again.
     """
     recorded: list[dict[int, Path]] = []
     jobs: dict[Path, Job] = {}

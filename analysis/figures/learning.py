@@ -230,9 +230,7 @@ def _learning_figure(
 ) -> Drawing:
     """Return the learning curves of an experiment, with a sentence for each variant.
 
-    Args:
-        judged: see `Drawing`.
-        compared: measure in which variants differ from their references, and what it shows.
+    `compared` is the measure in which variants differ from their references, and what it shows.
     """
     variants = load_variants(RESULTS[content.experiment].location(results), content)
     numbers: dict[str, Any] = {"episodes": content.episodes}

@@ -85,11 +85,7 @@ def _cycles(episode: Episode, robot: str) -> Iterator[Cycle]:
 
 
 def _cycle(episode: Episode, robot: str, rows: np.ndarray, *motion: np.ndarray) -> Cycle:
-    """Return a turn by its n rows in the bursts.
-
-    Args:
-        motion: angles, speeds and accelerations of D and E there, (n, 2) each.
-    """
+    """Return a turn by its n rows in the bursts; `motion` as of `_driving_force`."""
     raw = (episode.signals[f"/raw/{robot}/{name}"] for name in ("friction", "normal", "position"))
     friction, normal, position = (
         s._replace(time_s=s.time_s[rows], values=s.values[rows]) for s in raw

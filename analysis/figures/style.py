@@ -23,11 +23,7 @@ NOTHING = "–"  # where a number has no value
 
 @styled
 def save(figure: Figure, out: Path) -> list[Path]:
-    """Write the figure as PNG and PDF and return the files; same data give the same bytes.
-
-    Args:
-        out: file name, ending .png, .pdf or without ending.
-    """
+    """Write the figure as PNG and PDF and return the files; same data give the same bytes."""
     if out.suffix not in (*FORMATS, ""):
         raise UserError(f"--out {out}: name a .png or .pdf file, both are written")
     files = [out.with_suffix(suffix) for suffix in FORMATS]
