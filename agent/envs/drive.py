@@ -335,9 +335,7 @@ class DriveEnv(SingleEnv):
       an obstacle.
     - Truncation: after `max_episode_steps` (of the id 1200), or `time_limit` (120 s of simulated
       time).
-    - Infos: `outcome`, int, 0 running, 1 timeout, 2 success, 3 collision, 4 out of the board;
-      `is_success`, bool; `path_length`, float, cm since the start; `active`, bool, whether the next
-      action counts; with `outcome_names`, `outcome_name`, str.
+    - Infos: as of `agent.envs.navigation.NavigationEnv`.
     - Options of `reset`: `starts`, [[x, y, heading]] in m and rad, by default anywhere on it;
       `targets`, [[x, y]] in m, by default within `reach` (0.2 m) of the start; `mu`, friction
       coefficient of the floor, for this episode.
