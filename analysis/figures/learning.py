@@ -272,10 +272,7 @@ def path_ratio(results: Path) -> Drawing:
     return Drawing(draw_ratios(variants), tuple(ours), numbers)
 
 
-_RATIOS = {
-    "ratio_to_bound": ("path length", BLUE),
-    "steps_ratio_to_bound": ("moves", VERMILION),
-}
+_RATIOS = {"ratio_to_bound": ("path length", BLUE), "steps_ratio_to_bound": ("moves", VERMILION)}
 
 
 def draw_ratios(variants: dict[str, VariantResult]) -> Figure:
