@@ -115,7 +115,7 @@ def identity_of_fmu(path: Path) -> str:
     they give the same bits on every platform (`SAME_BITS`; `tests/test_packaged.py` compares
     bits), while the bytes of binaries differ. Any other FMU is known by its bytes.
     """
-    model = _built_in(path)
+    model = built_in_model(path)
     return digest_of(path) if model is None else digest_of_sources(model)
 
 
@@ -127,13 +127,8 @@ def digest_of_sources(model: Model) -> str:
     return digest_of(code, FLAGS)
 
 
-def is_built_in(path: Path) -> bool:
-    """Return whether a file is one that `cached_fmu` returns."""
-    return _built_in(path) is not None
-
-
 @functools.cache
-def _built_in(path: Path) -> Model | None:
+def built_in_model(path: Path) -> Model | None:
     """Return the model of a file that `cached_fmu` returns; None for any other file."""
     if path.parent != _CARRIED and path.parent.parent != cache_dir("fmus"):
         return None

@@ -35,7 +35,7 @@ from cosim.fmi.calls import FMI_ERROR, FMI_FATAL, Addresses
 from cosim.fmi.fmu import Fmu, FmuError
 from cosim.model.config import GIVEN, UNKNOWN, CoSimConfig, proportional
 from cosim.model.params import TABLE_II, MotorParams, lift_off_speed
-from fmus.build import is_built_in
+from fmus.build import built_in_model
 from fmus.description import read_description, variables_of
 
 INPUTS = ("omega_des", "omega_noise", "d")
@@ -396,7 +396,7 @@ def with_motor(config: CoSimConfig, motor_fmu: Path) -> CoSimConfig:
     first. A parameter that the FMU does not expose is unknown; the body has the configuration's
     value of those in Eq. (3). The built-in FMU has the configuration's values.
     """
-    if is_built_in(motor_fmu) or config.motor_fmu:
+    if built_in_model(motor_fmu) or config.motor_fmu:
         return config
     motor, name = config.motor._asdict(), f"motor FMU {motor_fmu.name}"
     given = {name: value for name, value in motor.items() if value != getattr(TABLE_II, name)}
