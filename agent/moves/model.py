@@ -120,7 +120,7 @@ def require_rl_step(rl_step_s: float) -> None:
 
 
 def build_model(moves: ObservedMoves, contact_cells: float) -> MoveModel:
-    """Return moves by kind; training counts a contact at a centre distance in cells."""
+    """Return moves by kind, for the kernels; centres at `contact_cells` count as a contact."""
     require_rl_step(moves.rl_step_s)
     fastest = max(
         (

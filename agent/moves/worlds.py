@@ -61,7 +61,7 @@ RANGES = WorldRange(
 def draw_world(
     ranges: WorldRange, side_cells: int, reach_cells: int, rng: np.random.Generator
 ) -> World:
-    """Draw a world for a walk from the middle of a board; patches begin within a reach of it."""
+    """Draw a world for a walk from the middle of a board; patches begin within reach of that."""
 
     def one(range_: Range | None) -> float:
         assert range_ is not None
