@@ -110,7 +110,6 @@ class DriveBoards(DynamicsBoards):
     """Boards with robots that take motor commands; spaces as of `DriveVectorEnv`.
 
     Args:
-        count: boards.
         scenario: board and number of robots; starts and targets are drawn anywhere on it.
         action: "velocity" (ahead, and yaw rate) or "motors" (set points of D and E).
         reward: "dense" or "sparse", see `DriveEnv`.

@@ -199,7 +199,6 @@ def cell_map(process: Process, values: np.ndarray, visits: np.ndarray) -> Policy
     """A robot's table over cells, over the other features weighted by visits.
 
     Args:
-        process: the decision process, for the layout of the table.
         values: (states, 8) action values.
         visits: (states,) decisions made in each state.
     """

@@ -51,10 +51,6 @@ def find_cycle(episode: Episode) -> Cycle:
 
     Nothing keeps the motors in step: their masses drift between pushing together and against each
     other, and what a turn looks like depends on it.
-
-    Raises:
-        UserError: there is none.
-        FileError: the recording has no bursts, angles or parameters.
     """
     cycles = [cycle for robot in episode.robots for cycle in _cycles(episode, robot)]
     if not cycles:
