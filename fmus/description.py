@@ -50,11 +50,7 @@ def start_of(variable: ET.Element) -> float:
 
 
 def render_header(model: Model, token: str) -> str:
-    """Return `variables.h`: value references, start values and limits.
-
-    Args:
-        token: instantiation token that ties the binary to its model description.
-    """
+    """Return `variables.h`: value references, start values, limits and the instantiation token."""
     variables = variables_of(read_description(model))
 
     def of(causality: str, *types: str) -> list[ET.Element]:
@@ -112,7 +108,8 @@ def render_description(model: Model, fmi: Fmi, token: str) -> bytes:
     if fmi == "2":
         _to_fmi2(root, model)
     root.set("guid" if fmi == "2" else "instantiationToken", token)
-    return _to_bytes(root)
+    ET.indent(root)
+    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
 def _to_fmi2(root: ET.Element, model: Model) -> None:
@@ -157,12 +154,6 @@ def render_build_description(model: Model, fmi: Fmi) -> bytes:
     return text.substitute(
         model=model, flag=SAME_BITS, file=unit_file(model, fmi), macro=PLAIN_NAMES[fmi]
     ).encode()
-
-
-def _to_bytes(root: ET.Element) -> bytes:
-    """Return a document as a file's content, the same for equal documents."""
-    ET.indent(root)
-    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
 def render_html(model: Model) -> bytes:

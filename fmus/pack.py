@@ -18,7 +18,6 @@ def pack_sources(folder: Path, out: Path, progress: Progress) -> Path:
     Args:
         folder: of the unpacked FMU.
         out: folder that receives the FMU, with the name of the former.
-        progress: receives that they are compiled.
 
     Raises:
         UserError: the folder is no FMU with sources, or they cannot be compiled.

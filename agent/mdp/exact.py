@@ -170,7 +170,6 @@ def evaluate_by(
     """Episodes of robots that decide together.
 
     Args:
-        process: the decision process; its slip probability is ignored.
         starts: (K, N, 2) int64, out of contact.
         decide: returns (N,) int64 directions, of the robots' cells x·rows + y and axes (N,) int64.
     """
@@ -200,7 +199,6 @@ def cell_map(process: Process, values: np.ndarray, visits: np.ndarray) -> Policy
     """A robot's table over cells, over the other features weighted by visits.
 
     Args:
-        process: the decision process, for the layout of the table.
         values: (states, 8) action values.
         visits: (states,) decisions made in each state.
     """

@@ -58,7 +58,7 @@ def nearest_other(process: Process, world: np.ndarray, i: int) -> tuple[int, int
 
 
 @inlined
-def _look_around(process: Process, world: np.ndarray, i: int) -> None:
+def _observe_nearest(process: Process, world: np.ndarray, i: int) -> None:
     """Update what robot i sees of the nearest other robot."""
     nearest, bearing, partner = nearest_other(process, world, i)
     # Eq. (10)
@@ -83,7 +83,7 @@ def place(process: Process, world: np.ndarray, cells: np.ndarray) -> bool:
         world[i, AXIS] = STARTING_AXIS
     free = True
     for i in range(n):
-        _look_around(process, world, i)
+        _observe_nearest(process, world, i)
         world[i, SIGN] = 0
         free = free and world[i, SQUARED] > process.thresholds.contact
     return free
@@ -96,10 +96,8 @@ def place_randomly(
     """Put the robots on uniformly drawn start cells, drawn again while any two touch.
 
     Args:
-        process: the decision process.
         world: written.
         cells: (N, 2) int64, written with the cells drawn.
-        random: generator state, advanced.
     """
     while True:
         for i in range(len(process.start_offsets) - 1):
@@ -154,7 +152,6 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
     """Move all robots that are still moving by one cell at once.
 
     Args:
-        process: the decision process.
         world: updated.
         actions: (N,) int64 directions executed; ignored for robots that do not move.
         rewards: (N,) float32, written with Eq. (8) or (11); 0 for robots that did not move.
@@ -178,7 +175,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
     arrived = 0
     outcome = RUNNING
     for i in range(n):
-        _look_around(process, world, i)
+        _observe_nearest(process, world, i)
         nearest = world[i, SQUARED]
         touched = nearest <= contact
         if process.swept:

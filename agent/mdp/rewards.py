@@ -24,15 +24,9 @@ def failed(step: Step, arrived: np.ndarray) -> np.ndarray:
 
 
 def step_reward(process: Process, step: Step, arrived: np.ndarray) -> np.ndarray:
-    """Reward of each robot that was driving in an RL step or failed in it, NaN for the others.
+    """(N,) float64, rewards of robots that were driving in an RL step or failed, NaN of the others.
 
-    Args:
-        process: tables of the decision process.
-        step: an RL step of the co-simulation.
-        arrived: (N,) bool, robots at their targets after the step.
-
-    Returns:
-        (N,) float64, Eq. (8) and (11).
+    By Eq. (8) and (11). `arrived`, (N,) bool, are those at their targets after the step.
     """
     return reward_parts(process, step, arrived).sum(axis=1)
 

@@ -100,11 +100,9 @@ def _is_clear(
     The first move of robots that are nearer than they should be has to lead apart.
 
     Args:
-        group: see `Group`.
         plans: (N, _MOST_MOVES, 4) float64, moves that robots have begun or planned.
         counts: (N,) int64, their number.
         since: (N, _SLICES) int64, see `_index`.
-        k: robot.
         own: (4,) float64, its move; one that begins at −inf is its first.
         share: of the squared distances to keep.
     """
@@ -166,7 +164,6 @@ def _search(
 
     Args:
         group, plans, counts, since: see `_is_clear`; updated.
-        k: robot.
         axis: that it faces, from `begin` on, in s.
         begin: see `axis`.
         parked: bits of the robots with targets that it drives around.
@@ -255,7 +252,6 @@ def plan(
     """Plan for all robots.
 
     Args:
-        group: see `Group`.
         cells: (N,) int64, cell of each robot.
         goals: (N,) int64, cell that each robot drives to; its own if it waits.
         axes: (N,) int64, axis that each robot faces.

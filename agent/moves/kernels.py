@@ -184,17 +184,11 @@ def _near(model: MoveModel, plans: np.ndarray) -> bool:
 
 @inlined
 def step(
-    process: Process,
-    model: MoveModel,
-    world: np.ndarray,
-    plans: np.ndarray,
-    rewards: np.ndarray,
+    process: Process, model: MoveModel, world: np.ndarray, plans: np.ndarray, rewards: np.ndarray
 ) -> tuple[int, int]:
     """Let RL steps pass until a robot waits, or 2 s.
 
     Args:
-        process: the decision process.
-        model: for the length of the step and the distance of contact.
         world: columns of `agent.mdp.grid`, updated; CLASS, SIGN, BEARING and PARTNER are what
             each robot sees now, SQUARED stays that of its last decision.
         plans: (N, PLAN_SIZE), updated.

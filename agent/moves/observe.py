@@ -57,7 +57,6 @@ class _Walker:
 
     @property
     def done(self) -> bool:
-        """Return whether every kind was seen often enough."""
         return bool((self._seen >= self._target).all())
 
     def choose(self, seen: Observation) -> np.ndarray:
@@ -137,14 +136,10 @@ def observe_moves(
     """Observe moves in co-simulation.
 
     Args:
-        config: of the co-simulation.
-        fmu: motor FMU file.
         moves_per_kind: least number of moves of each of the KINDS kinds.
         seed: of directions, speed noise and worlds.
         worlds: from which every walk draws its own; by default all have the configuration's.
-        cell_m: edge of a cell.
         jobs: threads; the result does not depend on it.
-        progress: receives the moves observed.
     """
     middle = _SIDE_CELLS // 2
     scenario = Scenario(
@@ -206,11 +201,6 @@ def observe_moves(
     )
 
 
-def moves_path(config: CoSimConfig, fmu: Path, worlds: WorldRange | None = None) -> Path:
-    """Return where the cache keeps the moves of these parameters and this FMU."""
-    return cache_dir("moves") / f"{source_digest(config, fmu, worlds)}.json"
-
-
 def cached_moves(
     config: CoSimConfig,
     fmu: Path,
@@ -218,16 +208,10 @@ def cached_moves(
     worlds: WorldRange | None = None,
     cell_m: float = Scenario.cell_m,
 ) -> ObservedMoves:
-    """The moves of these arguments: found in the cache, or observed and kept.
-
-    Args:
-        config, fmu, progress, worlds, cell_m: see `observe_moves`.
-    """
-    path = moves_path(config, fmu, worlds)
-    if cell_m != Scenario.cell_m:
-        path = path.with_stem(f"{path.stem}-{cell_m}")
+    """The moves of these arguments: found in the cache, or observed and kept."""
+    cell = "" if cell_m == Scenario.cell_m else f"-{cell_m}"
     return cached(
-        path,
+        cache_dir("moves") / f"{source_digest(config, fmu, worlds)}{cell}.json",
         ObservedMoves.load,
         lambda: observe_moves(
             config,

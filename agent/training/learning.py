@@ -55,6 +55,11 @@ class TrainingState:
     episode: int = 0  # episodes done
     agent_steps: int = 0  # decisions of all robots so far
 
+    @property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return what the kernels update."""
+        return self.q, self.visits, self.random, self.curve
+
 
 def epsilon_of_episodes(config: LearningConfig, episodes: np.ndarray) -> np.ndarray:
     """Exploration probability in each of the given episodes, float64.

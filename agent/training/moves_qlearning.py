@@ -49,11 +49,7 @@ def _run_episodes(
     last: int,
     discounts: np.ndarray,
 ) -> int:
-    """Train over episodes [first, last); all arrays but `discounts` (see `_discounts`) are updated.
-
-    Returns:
-        The decisions made.
-    """
+    """Train over episodes [first, last), and return the decisions made; `discounts` stay."""
     n = len(process.start_offsets) - 1
     world = np.empty((n, COLUMN_COUNT), dtype=np.int64)
     plans = np.empty((n, PLAN_SIZE))
@@ -146,16 +142,8 @@ def advance_moves(
     process: Process, model: MoveModel, learning: Learning, state: TrainingState, until: int
 ) -> None:
     """Train a state up to episode `until` over moves that last, in place."""
+    discounts = _discounts(process, model, learning.gamma)
     state.agent_steps += _run_episodes(
-        process,
-        model,
-        learning,
-        state.q,
-        state.visits,
-        state.random,
-        state.curve,
-        state.episode,
-        until,
-        _discounts(process, model, learning.gamma),
+        process, model, learning, *state.arrays, state.episode, until, discounts
     )
     state.episode = until

@@ -22,11 +22,6 @@ LOG_FILE = "training.npz"
 _LOGGER = logging.getLogger(__name__)
 
 
-def policy_folder(config: PolicyConfig) -> Path:
-    """Return where the cache keeps the policy of a configuration."""
-    return cache_dir("policies") / f"{config.scenario.name}-{digest_of(config)}"
-
-
 def save_run(folder: Path, policy: GreedyPolicy, log: TrainingLog) -> None:
     """Write learning curves and policy; the policy comes last, so that it marks a whole run."""
     log.save(folder / LOG_FILE)
@@ -56,7 +51,7 @@ def find_or_make(
     Returns:
         The policy, its `TrainingLog` (None if it was computed) and the path of its file.
     """
-    folder = policy_folder(config)
+    folder = cache_dir("policies") / f"{config.scenario.name}-{digest_of(config)}"
     path, compute = folder / POLICY_FILE, find_method(config.method).compute
     if compute is not None:
         make = lambda: compute(config)  # noqa: E731

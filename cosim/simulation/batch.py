@@ -153,7 +153,12 @@ class Batch:
         starts = validate_argument("starts", starts, tuple[Cell, ...])
         if len(starts) != self.robots:
             raise ConfigError(f"starts = {shorten(starts)} must have a cell for each robot")
-        require_size(scenario, config)
+        if config.robot.diameter_m != scenario.diameter_m:
+            raise ConfigError(
+                f"diameter_m = {config.robot.diameter_m:g} of the configuration is not "
+                f"robot_diameter_m = {scenario.diameter_m:g} of scenario {scenario.name}; "
+                "use config.sized(scenario.diameter_m)"
+            )
         columns = self._columns(place)
         state = self.state
         rows = state.inputs, state.outputs, state.held, state.held_velocities, state.statistics
@@ -335,13 +340,3 @@ def floor_patches(scenario: Scenario, config: CoSimConfig) -> np.ndarray:
         edges = scenario.cell_m * np.array([left, bottom, right + 1, top + 1])
         patches.append((*edges.tolist(), patch.mu))
     return np.array(patches).reshape(-1, 5)
-
-
-def require_size(scenario: Scenario, config: CoSimConfig) -> None:
-    """Refuse robots of another diameter than the scenario's; raises ConfigError."""
-    if config.robot.diameter_m != scenario.diameter_m:
-        raise ConfigError(
-            f"diameter_m = {config.robot.diameter_m:g} of the configuration is not "
-            f"robot_diameter_m = {scenario.diameter_m:g} of scenario {scenario.name}; "
-            "use config.sized(scenario.diameter_m)"
-        )
