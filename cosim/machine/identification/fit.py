@@ -48,19 +48,33 @@ def fit(track: SeenTrack, simulated: Simulated, progress: Progress = silent) -> 
     What is known before is a further residual for each of them, its distance from the usual value
     over its spread: where the track says nothing, the usual value stays.
     """
-    found = _fit_from(np.zeros(len(simulated.usual)), track, simulated, progress)
-    place, turn = LARGE * simulated.drifts(found.values)
-    if found.noise.position_drift_m2_s < place and found.noise.heading_drift_rad2_s < turn:
-        return found
-    # The robot seems to stray more than its noise explains: perhaps a local minimum.
-    rougher = np.array([float(p.name == "mu") for p in simulated.parameters])
-    other = _fit_from(rougher, track, simulated, progress)
+    names = [p.name for p in simulated.parameters]
+    rougher = np.array([float(name == "mu") for name in names])
+    stronger = np.array([float(name.startswith("motor_")) for name in names])
+    starts = [rougher]
+    if simulated.config.robot.own_layout:
+        starts += [-rougher, stronger, -stronger]
+    found = [_fit_from(np.zeros(len(names)), track, simulated, progress)]
+    place, turn = LARGE * simulated.drifts(found[0].values)
+
+    def strays(one: Fit) -> bool:
+        # where motors have no noise, more than what the camera would not see
+        most_place = place or one.noise.position_m**2 / track.times[-1]
+        most_turn = turn or one.noise.heading_rad**2 / track.times[-1]
+        drift, turning = one.noise.position_drift_m2_s, one.noise.heading_drift_rad2_s
+        return bool(drift >= most_place or turning >= most_turn)
 
     def unlikeliness(one: Fit) -> float:
         before = (((one.values - simulated.usual) / simulated.spreads) ** 2).sum()
         return deviance(track.times, one.residuals, one.noise) + before
 
-    return min((found, other), key=unlikeliness)
+    for start in starts:
+        best = min(found, key=unlikeliness)
+        if not strays(best):
+            return best
+        # The robot seems to stray more than its noise explains: perhaps a local minimum.
+        found.append(_fit_from(start, track, simulated, progress))
+    return min(found, key=unlikeliness)
 
 
 def _fit_from(
@@ -68,6 +82,7 @@ def _fit_from(
 ) -> Fit:
     """Fit from a start, (K,) distances from the usual values over their spreads."""
     usual, spreads, (low, high) = simulated.usual, simulated.spreads, simulated.limits
+    scaled = np.clip(scaled, (low - usual) / spreads, (high - usual) / spreads)
     noise, evaluations = FIRST_NOISE, 0
     for done in range(ROUNDS):
         progress("identifying", done, ROUNDS)

@@ -162,6 +162,15 @@ def test_the_excitation_can_be_read_as_what_a_track_was_driven_with(tmp_path):
     assert (commands[-1] == 0.0).all()
 
 
+def test_the_excitation_of_a_machine_of_its_own_runs_each_motor_alone(tmp_path, command):
+    command("identify-robot", "--excite", tmp_path / "drive.csv", "--preset", "droplet")
+    with (tmp_path / "drive.csv").open() as file:
+        header, *rows = csv.reader(file)
+    assert header == ["time", "omega_1", "omega_2", "omega_3"]
+    running = np.array(rows, dtype=float)[:, 1:] != 0.0
+    assert {tuple(row) for row in running[running.sum(axis=1) == 1]} == set(map(tuple, np.eye(3)))
+
+
 def write_track(path, track):
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
