@@ -11,33 +11,27 @@ from cosim.model.scenario_file import PAPER
 
 @dataclass(frozen=True)
 class Profile:
-    """Amounts of a reproduction; by default those of the paper and of the pages.
-
-    Attributes:
-        name: for people.
-        runs: independent training runs of every variant.
-        train_episodes: episodes of a training run.
-        greedy_points: evaluations during such a run.
-        drive_episodes: episodes of the training, by method, of the policies that drive the
-            co-simulated episodes; by default the number of the method.
-        single_episodes, pair_episodes: co-simulated and recorded episodes of every scenario, of
-            one robot and of a pair.
-        episode_limit_s: simulated time after which such an episode ends as a time-out.
-        transfer_scenarios, transfer_methods: scenarios and training methods of the
-            table of success in co-simulation.
-        transfer_quick: two episodes for every row of that table instead of all that it needs.
-    """
+    """Amounts of a reproduction; by default those of the paper and of the pages."""
 
     name: str
+    # Independent training runs of every variant
     runs: int = 20  # Section V
-    train_episodes: int = LearningConfig().episodes
-    greedy_points: int = LearningConfig().greedy_points
+    train_episodes: int = LearningConfig().episodes  # episodes of a training run
+    greedy_points: int = LearningConfig().greedy_points  # evaluations during such a run
+    # Episodes of the training, by method, of the policies that drive the co-simulated episodes; by
+    # default the number of the method
     drive_episodes: Mapping[str, int] = field(default_factory=dict)
+    # single_episodes, pair_episodes: co-simulated and recorded episodes of every scenario, of one
+    # robot and of a pair
     single_episodes: int = SINGLE_EPISODES
     pair_episodes: int = PAIR_EPISODES
+    # Simulated time after which such an episode ends as a time-out
     episode_limit_s: float = TIMING.episode_limit_s
+    # transfer_scenarios, transfer_methods: scenarios and training methods of the table of success
+    # in co-simulation
     transfer_scenarios: tuple[str, ...] = tuple(PAPER)
     transfer_methods: tuple[MethodName, ...] = COMPARED
+    # Two episodes for every row of that table instead of all that it needs
     transfer_quick: bool = False
 
     def episodes_of(self, experiment: str) -> int:

@@ -36,34 +36,22 @@ PRODUCERS = (
 
 
 class Stage(msgspec.Struct, frozen=True):
-    """A stage of a reproduction.
+    """A stage of a reproduction."""
 
-    Attributes:
-        seconds: wall-clock time of all attempts.
-        attempts: their number; those before the last were interrupted.
-        finished: whether the last one came to its end.
-        made_by: see `made_by`.
-    """
-
-    seconds: float
-    attempts: int
-    finished: bool
-    made_by: str | None = None
+    seconds: float  # wall-clock time of all attempts
+    attempts: int  # their number; those before the last were interrupted
+    finished: bool  # whether the last one came to its end
+    made_by: str | None = None  # see `made_by`
 
 
 class TimingsFile(msgspec.Struct, frozen=True):
-    """Content of `timings.json`.
-
-    Attributes:
-        profile: fields of the `Profile`, which may be that of another version.
-        stages: by name, in the order of their first end.
-    """
+    """Content of `timings.json`."""
 
     schema_version: int
-    profile: dict[str, Any]
+    profile: dict[str, Any]  # fields of the `Profile`, which may be that of another version
     seed: int
     cores: int | None
-    stages: dict[str, Stage]
+    stages: dict[str, Stage]  # by name, in the order of their first end
 
 
 def read_timings(results: Path) -> TimingsFile | None:

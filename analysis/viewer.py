@@ -28,18 +28,14 @@ SETTLE_TRIES = 30
 
 @dataclass(frozen=True)
 class ViewerReport:
-    """The viewer's report on a recording.
+    """The viewer's report on a recording."""
 
-    Attributes:
-        views: name of each view with the reports of what it could not draw.
-        warnings: the viewer's own log from level warning up, without those on software rendering.
-        load_s: time until everything was loaded.
-    """
-
+    # Name of each view with the reports of what it could not draw
     views: list[tuple[str, list[Any]]]
+    # The viewer's own log from level warning up, without those on software rendering
     warnings: list[str]
     entities: list[str]
-    load_s: float
+    load_s: float  # time until everything was loaded
 
 
 def screenshot(
@@ -53,8 +49,6 @@ def screenshot(
     """Open a recording headless, save a picture (PNG), and return the viewer's report.
 
     Args:
-        time_s: simulated time to show.
-        tab: name of the tab to show; the first one by default.
         visit_tabs: whether every tab is drawn before, for a report on all views.
     """
     require_file(recording, Kind("recording", "name an .rrd file"))

@@ -43,9 +43,6 @@ def build_fmu(
     Args:
         out_dir: folder that receives the FMU, which has the model's name; made if missing.
         targets: platforms, keys of `fmus.compiler.TARGETS`; by default this machine's.
-
-    Returns:
-        Path of the FMU; the file appears whole or not at all.
     """
     return build_fmus({"3": out_dir / f"{model}.fmu"}, targets or [host_target()], model=model)[0]
 
@@ -92,10 +89,8 @@ def cached_fmu(model: Model = "VibrationMotors") -> Path:
     """A model's FMI 3.0 FMU: that of the wheel, or one that is built into the cache on first use.
 
     The cache's key is a hash of sources, rendered defaults, flags and compiler version. The file's
-    own hash stands beside it: a file that was damaged is built again.
-
-    Args:
-        model: what the FMU is of; the co-simulation uses the array of motors.
+    own hash is kept next to it: a file that was damaged is built again. The co-simulation uses the
+    array of motors.
     """
     path = _place(model)
     if path.parent == _CARRIED:
@@ -120,7 +115,7 @@ def identity_of_fmu(path: Path) -> str:
     they give the same bits on every platform (`SAME_BITS`; `tests/test_packaged.py` compares
     bits), while the bytes of binaries differ. Any other FMU is known by its bytes.
     """
-    model = built_in(path)
+    model = built_in_model(path)
     return digest_of(path) if model is None else digest_of_sources(model)
 
 
@@ -133,7 +128,7 @@ def digest_of_sources(model: Model) -> str:
 
 
 @functools.cache
-def built_in(path: Path) -> Model | None:
+def built_in_model(path: Path) -> Model | None:
     """Return the model of a file that `cached_fmu` returns; None for any other file."""
     if path.parent != _CARRIED and path.parent.parent != cache_dir("fmus"):
         return None

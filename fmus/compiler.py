@@ -96,7 +96,7 @@ def unit_file(model: Model, fmi: Fmi) -> str:
 
 
 def source_files(model: Model, fmi: Fmi, header: str) -> dict[str, bytes]:
-    """All sources of one FMU, but the standard's headers: content by file name."""
+    """Return all sources of one FMU by their names, but the standard's headers."""
     files, names = {}, [unit_file(model, fmi)]
     for name in names:  # which grow by what the files include
         if name not in files and (path := find(model, name)):
@@ -106,7 +106,7 @@ def source_files(model: Model, fmi: Fmi, header: str) -> dict[str, bytes]:
 
 
 def compile_library(model: Model, header: str, target: str) -> bytes:
-    """Compile the C code into a shared library that has the functions of all the model's standards.
+    """Return a shared library that has the functions of all the model's standards.
 
     Its bytes are the same at every build with the same compiler.
     """

@@ -50,11 +50,7 @@ def start_of(variable: ET.Element) -> float:
 
 
 def render_header(model: Model, token: str) -> str:
-    """Return `variables.h`: value references, start values and limits.
-
-    Args:
-        token: instantiation token that ties the binary to its model description.
-    """
+    """Return `variables.h`: value references, start values, limits and the instantiation token."""
     variables = variables_of(read_description(model))
 
     def of(causality: str, *types: str) -> list[ET.Element]:

@@ -31,11 +31,7 @@ def find(model: Model, name: str) -> Path | None:
 
 
 def read_text(model: Model, name: str) -> str:
-    """Return the text of a model's file.
-
-    Raises:
-        FileNotFoundError: it has none of that name.
-    """
+    """Return the text of a model's file; raises FileNotFoundError."""
     if (path := find(model, name)) is None:
         raise FileNotFoundError(f"{model} has no {name}")
     return path.read_text("utf-8")

@@ -19,7 +19,14 @@ def main() -> None:
             print(f"  {command:<15}{purpose}")
         print(f"\nshell completion: minirobots {_COMPLETION} bash, zsh or tcsh")
     elif name.startswith(_COMPLETION):
-        _print_completion()
+        from tyro.extras import SubcommandApp
+
+        from minirobots.runner import line_of
+
+        app: Any = SubcommandApp()
+        for command in COMMANDS:
+            app.command(line_of(class_of(command)), name=command)
+        app.cli(prog="minirobots", args=sys.argv[1:])
     elif name not in COMMANDS:
         choice = ", ".join(COMMANDS)
         print(f"error: minirobots has no command {name}; choose one of {choice}", file=sys.stderr)
@@ -29,18 +36,6 @@ def main() -> None:
 
         sys.argv = [f"minirobots {name}", *rest]
         run_named(name)
-
-
-def _print_completion() -> None:
-    """Print what a shell completes, of all commands at once."""
-    from tyro.extras import SubcommandApp
-
-    from minirobots.runner import line_of
-
-    app: Any = SubcommandApp()
-    for name in COMMANDS:
-        app.command(line_of(class_of(name)), name=name)
-    app.cli(prog="minirobots", args=sys.argv[1:])
 
 
 if __name__ == "__main__":

@@ -4,7 +4,10 @@ import contextlib
 import inspect
 import io
 import json
+import os
 import re
+import signal
+import subprocess
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -17,13 +20,13 @@ import msgspec
 import tyro
 
 from cosim.base.command import Checked
-from cosim.base.errors import UserError, run_command
+from cosim.base.errors import Terminated, UserError, run_command
 from cosim.base.progress import Progress, progress_bars
 from cosim.base.storage import lock_folder, new_folder
-from cosim.fmi.isolation import isolate
 from minirobots.commands import class_of
 
 FAILED_STATUS = 1
+_CHILD = "MINIROBOTS_ISOLATED"  # in the environment of a child, see `isolate`
 RESUMES = "results so far are in {out}/; the same command continues"
 Options = TypeVar("Options")
 
@@ -136,11 +139,7 @@ def parse(
     arguments: list[str] | None = None,
     default: Options | None = None,
 ) -> Line[Options]:
-    """Return the options of a command line.
-
-    Args:
-        default: what the command line changes, instead of the record's own defaults.
-    """
+    """Return the options of a command line; what it leaves out is that of `default`, if any."""
     line, text = line_of(kind), io.StringIO()
     try:
         with contextlib.redirect_stderr(text):
@@ -192,6 +191,40 @@ def execute(name: str) -> None:
         print_json(output.result)
     if output.failed:
         sys.exit(FAILED_STATUS)
+
+
+def isolate(command: str, fmu: Path | None) -> None:
+    """Run this process's command again in a child process; return only in that child.
+
+    An FMU is native code: one that crashes ends the child, and the command with a one-line error.
+    This holds faults, not malice: the child may do what the user may.
+
+    Ctrl-C and SIGTERM reach the child once. Ctrl-C again kills it, if an FMU does not return.
+    """
+    from cosim.fmi.fmu import FmuError
+
+    if _CHILD in os.environ:
+        return
+    line = [sys.executable, "-m", *command.split(), *sys.argv[1:]]
+    interrupted: KeyboardInterrupt | None = None
+    # A session of its own: a terminal's Ctrl-C reaches the child through this process alone.
+    with subprocess.Popen(line, env=os.environ | {_CHILD: "1"}, start_new_session=True) as child:
+        while child.poll() is None:
+            try:
+                child.wait()
+            except KeyboardInterrupt as interrupt:
+                ended = signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT
+                child.send_signal(signal.SIGKILL if interrupted else ended)
+                interrupted = interrupt
+    if child.returncode >= 0:
+        sys.exit(child.returncode)
+    if interrupted:
+        raise interrupted
+    raise FmuError(
+        f"{f'motor FMU {fmu}' if fmu else 'the built-in motor FMU'} crashed "
+        f"({signal.Signals(-child.returncode).name}), and the command with it; "
+        "export the FMU again, or use the built-in one"
+    )
 
 
 def print_json(content: Any) -> None:

@@ -7,6 +7,7 @@ import math
 import re
 import runpy
 from pathlib import Path
+from typing import Any
 
 import pytest
 from scipy.stats import binomtest
@@ -14,7 +15,7 @@ from scipy.stats import binomtest
 import minirobots as mr
 from agent.evaluation.statistics import interval_text, rate
 from agent.experiments.run import run_experiment
-from agent.experiments.variants import variants_of
+from agent.experiments.variants import ExperimentOptions, variants_of
 from analysis.motor.loop_options import StepTest
 from analysis.motor.step_test import simulate
 from analysis.reading.motor_test import LOOPS, rise
@@ -107,13 +108,14 @@ def test_interpretations_of_fig_10():
 @pytest.mark.slow
 def test_learning(tmp_path):
     """All runs of Fig. 8; and some of Fig. 10, within what its intervals predict for them."""
-    found = run_experiment("fig08", tmp_path, runs=RUNS, episodes=EPISODES, seed=0, where=THREADS)
+    how: Any = {"out": tmp_path, "episodes": EPISODES, "where": THREADS}
+    found = run_experiment(ExperimentOptions(experiment="fig08", runs=RUNS, **how))
     for variant in found.variants.values():
         assert all(run.success == 1.0 for run in variant.runs)
         assert interval_text(variant.over_runs["ratio_to_bound"], 3) in PAGE
     assert interval_text(found.variants["1b"].over_runs["steps"]) in PAGE
     some = 2
-    found = run_experiment("fig10", tmp_path, runs=some, episodes=EPISODES, seed=0, where=THREADS)
+    found = run_experiment(ExperimentOptions(experiment="fig10", runs=some, **how))
     pattern = r"([−\d.]+) \[([−\d.]+), ([−\d.]+)\]"
     printed = numbers(f"differ by {pattern}, {pattern} and {pattern} cm")
     for k, measures in enumerate(found.differences.values()):

@@ -42,24 +42,17 @@ _Seed = Annotated[int, msgspec.Meta(ge=0)]
 
 
 class Results(NamedTuple):
-    """Result of the last step of K boards of N robots with F features.
+    """Result of the last step of K boards of N robots with F features."""
 
-    Attributes:
-        outcomes: (K,) int64, ranks of `cosim.model.outcome`.
-        observations: (K, N, F); on the grid int64 features counted from 0, where a robot that left
-            the board seems to be at its edge.
-        rewards: (K, N) float64.
-        terminated: (K, N) bool, robots that arrived or failed in the step.
-        truncated: (K, N) bool, robots still on their move when the episode ended in the step.
-        active: (K, N) bool, robots that use their next action.
-    """
-
-    outcomes: np.ndarray
+    outcomes: np.ndarray  # (K,) int64, ranks of `cosim.model.outcome`
+    # (K, N, F); on the grid int64 features counted from 0, where a robot that left the board seems
+    # to be at its edge
     observations: np.ndarray
-    rewards: np.ndarray
-    terminated: np.ndarray
+    rewards: np.ndarray  # (K, N) float64
+    terminated: np.ndarray  # (K, N) bool, robots that arrived or failed in the step
+    # (K, N) bool, robots still on their move when the episode ended in the step
     truncated: np.ndarray
-    active: np.ndarray
+    active: np.ndarray  # (K, N) bool, robots that use their next action
 
 
 class EnvBoards(ABC):
@@ -221,19 +214,12 @@ class EnvBoards(ABC):
 
 
 class GridState(NamedTuple):
-    """State of K boards with N robots each on the grid.
+    """State of K boards with N robots each on the grid."""
 
-    Attributes:
-        worlds: (K, N, COLUMN_COUNT) int64, see `agent.mdp.grid`.
-        random: (K, 1) uint64, generator states.
-        steps: (K,) int64, of the episode.
-        path_cells: (K, N) float64, path since the start in cells.
-    """
-
-    worlds: np.ndarray
-    random: np.ndarray
-    steps: np.ndarray
-    path_cells: np.ndarray
+    worlds: np.ndarray  # (K, N, COLUMN_COUNT) int64, see `agent.mdp.grid`
+    random: np.ndarray  # (K, 1) uint64, generator states
+    steps: np.ndarray  # (K,) int64, of the episode
+    path_cells: np.ndarray  # (K, N) float64, path since the start in cells
 
 
 @inlined

@@ -49,23 +49,14 @@ ACTIONS = ("velocity", "motors")
 
 
 class Driven(NamedTuple):
-    """Robots of K boards that are driven; float64, a row for each of the K · N.
+    """Robots of K boards that are driven; float64, a row for each of the K · N."""
 
-    Attributes:
-        poses: (K N, 3) x, y in m and heading in rad, as the learner knows them.
-        velocities: (K N, 3) see `cosim.simulation.driving.DriveObservation`.
-        targets_m: (K N, 2).
-        away_m: (K N,) true distances from the targets.
-        dither: (K N, 2) see `set_points`.
-        worlds: (K N, 5) of the episodes: µ, motor spread, restitution, slope in deg, payload in
-            10 g.
-    """
-
-    poses: np.ndarray
-    velocities: np.ndarray
-    targets_m: np.ndarray
-    away_m: np.ndarray
-    dither: np.ndarray
+    poses: np.ndarray  # (K N, 3) x, y in m and heading in rad, as the learner knows them
+    velocities: np.ndarray  # (K N, 3) see `cosim.simulation.driving.DriveObservation`
+    targets_m: np.ndarray  # (K N, 2)
+    away_m: np.ndarray  # (K N,) true distances from the targets
+    dither: np.ndarray  # (K N, 2) see `set_points`
+    # (K N, 5) of the episodes: µ, motor spread, restitution, slope in deg, payload in 10 g
     worlds: np.ndarray
 
 
@@ -120,7 +111,6 @@ class DriveBoards(DynamicsBoards):
     """Boards with robots that take motor commands; spaces as of `DriveVectorEnv`.
 
     Args:
-        count: boards.
         scenario: board and number of robots; starts and targets are drawn anywhere on it.
         action: "velocity" (ahead, and yaw rate) or "motors" (set points).
         reward: "dense" or "sparse", see `DriveEnv`.
@@ -351,9 +341,7 @@ class DriveEnv(SingleEnv):
       an obstacle.
     - Truncation: after `max_episode_steps` (of the id 1200), or `time_limit` (120 s of simulated
       time).
-    - Infos: `outcome`, int, 0 running, 1 timeout, 2 success, 3 collision, 4 out of the board;
-      `is_success`, bool; `path_length`, float, cm since the start; `active`, bool, whether the next
-      action counts; with `outcome_names`, `outcome_name`, str.
+    - Infos: as of `agent.envs.navigation.NavigationEnv`.
     - Options of `reset`: `starts`, [[x, y, heading]] in m and rad, by default anywhere on it;
       `targets`, [[x, y]] in m, by default within `reach` (0.2 m) of the start; `mu`, friction
       coefficient of the floor, for this episode.
@@ -430,7 +418,6 @@ def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -
 
     Args:
         motion: of the R robots of some boards, which have the same size and one calibration.
-        robots: of each board.
         worlds: (R, 5) of `Driven`, to observe as well; None for none.
     """
     poses, velocities, speeds, targets_m = motion[:4]

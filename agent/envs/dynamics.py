@@ -48,7 +48,6 @@ class DynamicsBoards(EnvBoards):
     The motor FMU is compiled and the robots calibrated the first time (some seconds).
 
     Args:
-        scenario: name, scenario file or record.
         physics: options by the names of `cosim.simulate`, and `worlds`, ranges to draw a world from
             in every episode.
         limit: of steps, in addition to the physics' own `time_limit`; None for none.
@@ -201,6 +200,7 @@ class CoSimBoards(DynamicsBoards):
     """K boards with robots that adopt directions when they wait for one.
 
     Args:
+        count, scenario, limit: as of `DynamicsBoards`.
         physics: as of `DynamicsBoards`; and `decision`, when a step ends: after every
             "period" of 2 s, or, of one board, on "arrival", when a robot waits for an action; its
             rewards cover the time that passed.

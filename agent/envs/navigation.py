@@ -48,9 +48,6 @@ def direction_boards(
     """Return the boards of an environment: on the grid, or in the full co-simulation.
 
     Args:
-        count: boards.
-        scenario: name of a built-in scenario, a scenario file, or a scenario.
-        process: interpretations of the decision process.
         cosim: simulate motors and contacts instead of moving on the grid.
         max_episode_steps: limit of steps, next to the process's own `step_limit`, and in the
             co-simulation to the physics' `time_limit`.
@@ -124,8 +121,8 @@ class RobotsVectorEnv(RowsVectorEnv):
     - Action: MultiDiscrete (R,), directions k · 45° counter-clockwise from +x, 0 to 7. A row
       ignores its action where `active` was False, and in the step that begins a board again. In
       the dynamics a step is an RL step of 2 s, in which robots on their move ignore their actions.
-    - Reward: (R,) float64, per step as of `NavigationParallelEnv`; 0 for robots that have ended,
-      and where a board begins again.
+    - Reward: (R,) float64 as of `NavigationParallelEnv`; 0 for robots that have ended, and where a
+      board begins again.
     - Termination: (R,) bool, by `ends="together"` the rows of a board at its end: all its robots
       have arrived, or one left the board or touched something; by `ends="own"` each robot that
       arrived or failed, in its own step. Each row ends once per episode.
@@ -133,7 +130,7 @@ class RobotsVectorEnv(RowsVectorEnv):
       another robot or at a limit: `max_episode_steps`, on the grid `process.step_limit` (1000
       moves), in the dynamics `time_limit` (600 s of simulated time).
     - Restart: a board begins again in the step after its end, all its robots (next-step autoreset).
-    - Infos: (R,) arrays as of `NavigationParallelEnv`, but for `action_mask`. Gymnasium's masks
+    - Infos: (R,) arrays as of `NavigationEnv`, `outcome` that of the board. Gymnasium's masks
       `_outcome` and so on are True in every row.
     - Options of `reset`: `starts`, (K, N, 2) columns and rows; `reset_mask`, (K,) bool, boards to
       begin again, whose seeds alone are used; in the dynamics also `targets`, (K, N, 2) columns and
@@ -186,10 +183,8 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
     - Truncation: robots still on their move when another one failed, so that their next state has a
       value; or at a limit: `max_cycles`, on the grid also `process.step_limit` (1000 moves), in the
       dynamics also `time_limit` (600 s of simulated time).
-    - Infos: `outcome` of the episode, int, 0 running, 1 timeout, 2 success, 3 collision, 4 out of
-      the board; `is_success`, bool; `path_length`, float, cm since the start; `active`, bool,
-      whether the next action counts; `action_mask`, (8,) int8, 1 where a direction leads to a free
-      cell; with `outcome_names`, `outcome_name`, str.
+    - Infos: as of `NavigationEnv`; and `action_mask`, (8,) int8, 1 where a direction leads to a
+      free cell.
     - Options of `reset`: `starts`, [[column, row], …]; in the dynamics also `targets`, likewise,
       and `mu`, friction coefficient of the floor, for this episode.
     - Arguments: `max_cycles`, limit of steps; those of `direction_boards` but for
@@ -252,9 +247,8 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
         """Let every agent take its action; nothing happens after the end of an episode.
 
         Raises:
-            ConfigError: an agent has no action, or one that is no direction; or an unknown agent
-                has one.
-            ConfigError: the environment is closed.
+            ConfigError: an agent has no action, or one that is no direction; an unknown agent has
+                one; or the environment is closed.
         """
         self._require_open()
         if not self.agents:

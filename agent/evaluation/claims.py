@@ -1,20 +1,24 @@
 """Claims about rates of outcomes, such as `collision < 1e-3`, judged by episodes in their order.
 
-docs/studies.md describes what a claim is about and how it is judged.
+docs/studies.md describes what a claim is about, how it is judged, and the sources of the method.
 """
 
 import re
-from collections.abc import Iterable
+from bisect import bisect_left
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from decimal import Decimal
-from typing import NamedTuple
+from functools import cache
+from typing import Literal, NamedTuple
 
 import msgspec
+from scipy.stats import binom
 
-from agent.evaluation.sequential import SequentialTest, Verdict
 from cosim.base.arguments import ConfigError
 from cosim.model.outcome import ENDS, Outcome
 from cosim.simulation.result import EpisodeResult
 
+Verdict = Literal["certified", "refused", "undecided"]
 RATES: dict[str, frozenset[Outcome]] = {
     **{str(outcome): frozenset({outcome}) for outcome in ENDS},
     "failure": frozenset(ENDS) - {Outcome.SUCCESS},
@@ -22,6 +26,77 @@ RATES: dict[str, frozenset[Outcome]] = {
 CONFIDENCE = 0.999  # by default
 _FORM = re.compile(r"\s*(\w+)\s*([<>])\s*((?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*", re.ASCII)
 _LEAST = 1e-6  # of a limit: some ten million episodes
+
+
+@dataclass(frozen=True)
+class SequentialTest:
+    """Test of whether the rate of what speaks against a claim is below a limit; may end any time.
+
+    Both errors are bounded at once: the probability to certify a rate that is not below the limit,
+    and that to refuse one that is not above it, are each at most alpha, however long it takes.
+    Episodes go round strata (starts) in a random order, each round on its own, or are independent
+    draws; what is tested is the mean rate over all strata.
+    """
+
+    limit: float  # of the rate, between 0 and 1
+    alpha: float  # bound of the probability of either error
+
+    def level(self, look: int) -> float:
+        """Share of alpha that a look may spend, look = 0, 1, ...; all together spend alpha."""
+        return self.alpha / ((look + 1) * (look + 2))
+
+    def episodes_to_certify(self, against: int) -> int:
+        """Episodes after which the claim is certified if at most that many speak against it."""
+        return _enough(against, self.limit, self.level(against))
+
+    def episodes_to_refute(self, against: int) -> int:
+        """Episodes within which that many (at least one) against the claim refuse it."""
+        return _refuted(against, self.limit, self.level(against - 1))
+
+    def decide(self, episodes: Iterable[bool]) -> tuple[Verdict, int, int]:
+        """Return the verdict after episodes, of which each speaks against the claim or does not.
+
+        With it the number of episodes until the decision, and how many of these speak against it.
+        Episodes after the one that decides are not used.
+        """
+        count = against = 0
+        needed = self.episodes_to_certify(0)
+        for speaks_against in episodes:
+            count += 1
+            if speaks_against:
+                against += 1
+                if count <= self.episodes_to_refute(against):
+                    return "refused", count, against
+                needed = self.episodes_to_certify(against)
+            if count >= needed:
+                return "certified", count, against
+        return "undecided", count, against
+
+
+def _at_most(successes: int, trials: int, rate: float) -> float:
+    """P(at most that many successes) for any strata of this mean rate, bounded (Hoeffding 1956)."""
+    if successes > trials * rate - 1.0:
+        return 1.0
+    return float(binom.cdf(successes, trials, rate))
+
+
+@cache
+def _enough(against: int, limit: float, level: float) -> int:
+    return _first(lambda n: _at_most(against, n, limit) <= level, against + 1)
+
+
+@cache
+def _refuted(against: int, limit: float, level: float) -> int:
+    # this number against of n are no more than the rest that are for the claim
+    return _first(lambda n: _at_most(n - against, n, 1.0 - limit) > level, against) - 1
+
+
+def _first(holds: Callable[[int], bool], begin: int) -> int:
+    """The first number from `begin` on for which something holds that then holds for all."""
+    end = begin + 1
+    while not holds(end):
+        end = begin + 2 * (end - begin)
+    return begin + bisect_left(range(begin, end), x=True, key=holds)
 
 
 class JudgedClaim(msgspec.Struct, frozen=True):

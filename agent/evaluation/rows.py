@@ -8,13 +8,7 @@ import numpy as np
 
 from agent.evaluation.cases import Case
 from agent.evaluation.claims import JudgedClaim
-from agent.evaluation.statistics import (
-    Interval,
-    Statistics,
-    interval_text,
-    rate,
-    summarise,
-)
+from agent.evaluation.statistics import Interval, Statistics, interval_text, rate, summarise
 from agent.mdp.greedy import GreedyPolicy
 from cosim.base.table import Column, Columns, field, markdown
 from cosim.model.outcome import ENDS, SUCCESS, Outcome

@@ -66,7 +66,6 @@ def run_episodes(
         options: seed, driver, what is recorded; episode k draws from the seed sequence (seed, k).
         log: of the policy's training, which is recorded.
         viewer: address of a running viewer that is sent what is recorded, if any.
-        progress: receives the simulated time of every episode.
     """
     scenario, config, fmu = setup
     driver, seed = chosen_driver(options.driver, fmu, config), policy.config.seed

@@ -37,24 +37,17 @@ class VariantResult(msgspec.Struct, frozen=True):
 
 
 class ExperimentResult(msgspec.Struct, frozen=True, kw_only=True):
-    """Content of `results.json` for an experiment.
-
-    Attributes:
-        episodes: of training, of each run.
-        seconds: that training took, without what was there already.
-        differences: of each variant from its reference, by measure.
-        effects: of a factorial's differences, see `effects`.
-    """
+    """Content of `results.json` for an experiment."""
 
     schema_version: int = 2
     experiment: Name
     seed: int
-    episodes: int
-    seconds: float
+    episodes: int  # of training, of each run
+    seconds: float  # that training took, without what was there already
     out: str
     variants: dict[str, VariantResult]
-    differences: dict[str, dict[str, Statistics]]
-    effects: dict[str, dict[str, Statistics]] = {}
+    differences: dict[str, dict[str, Statistics]]  # of each variant from its reference, by measure
+    effects: dict[str, dict[str, Statistics]] = {}  # of a factorial's differences, see `effects`
 
 
 def differences(variants: Mapping[str, VariantResult]) -> dict[str, dict[str, Statistics]]:

@@ -15,11 +15,10 @@ from agent.experiments.results import (
     differences,
     effects,
 )
-from agent.experiments.variants import Name, variants_of
+from agent.experiments.variants import ExperimentOptions, variants_of
 from agent.study.grid import report_of
 from agent.training.recording import require_tensorboard, write_events, write_runs
 from agent.training.runs import RECORDING_FILE, Experiment, make_runs, run_name
-from agent.training.settings import LearningConfig
 from agent.training.store import POLICY_FILE
 from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress, silent
@@ -39,7 +38,6 @@ def train_and_evaluate(
 
     Args:
         out: folder, which may have some of the runs already.
-        where, progress: see `agent.training.runs.make_runs`.
         log: folder of event files for TensorBoard, one in a folder for each run.
     """
     if log is not None:
@@ -67,33 +65,21 @@ def train_and_evaluate(
     return summary
 
 
-def run_experiment(
-    name: Name,
-    out: Path,
-    *,
-    runs: int = 20,
-    seed: int = 0,
-    episodes: int = LearningConfig().episodes,
-    greedy_points: int = LearningConfig().greedy_points,
-    where: Workers = PROCESSES,
-    progress: Progress = silent,
-) -> ExperimentResult:
+def run_experiment(options: ExperimentOptions, progress: Progress = silent) -> ExperimentResult:
     """Train and evaluate all variants of an experiment and write `results.json`.
 
-    Args:
-        out: folder, which may have some of the runs already.
-        runs: of each variant.
-        seed: that the runs' seeds are spawned from, the same for all variants.
-        episodes, greedy_points: of training, of each run; see `LearningConfig`.
-        where, progress: see `agent.training.runs.make_runs`.
+    Its folder may have some of the runs already; the seeds of runs are the same for all variants.
     """
+    name, out, episodes = options.experiment, options.out, options.episodes
+    assert out is not None
     began = time.perf_counter()
     variants: dict[str, VariantResult] = {}
     for key, variant in variants_of(name).items():
-        learning = replace(variant.learning, episodes=episodes, greedy_points=greedy_points)
+        points = options.greedy_points
+        learning = replace(variant.learning, episodes=episodes, greedy_points=points)
         board = find_scenario(variant.scenario)
-        experiment = Experiment(board, variant.process, learning, seed, runs)
-        how = {"where": where, "progress": progress, "task": variant.label}
+        experiment = Experiment(board, variant.process, learning, options.seed, options.runs)
+        how = {"where": options.where, "progress": progress, "task": variant.label}
         named = enumerate(policy for policy, _ in make_runs(experiment, out / key, **how))
         report = report_of((f"{key}/{run_name(k)}", policy) for k, policy in named)
         variants[key] = VariantResult(
@@ -106,7 +92,7 @@ def run_experiment(
     compared = differences(variants)
     result = ExperimentResult(
         experiment=name,
-        seed=seed,
+        seed=options.seed,
         episodes=episodes,
         seconds=time.perf_counter() - began,
         out=str(out),

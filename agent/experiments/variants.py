@@ -1,13 +1,17 @@
 """The experiments: which variants each of them compares, and with which one."""
 
 import itertools
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
+import tyro
 
 from agent.mdp.config import ProcessConfig
 from agent.training.settings import LearningConfig
+from cosim.base.command import Checked, Count, NewFolder, Seed
+from cosim.base.jobs import PROCESSES, Where
 from cosim.base.reading import Kind, read_toml
 
 Name = Literal["fig08", "fig10", "fig11", "features", "readings", "zone", "factorial", "sequel"]
@@ -15,21 +19,31 @@ _DECLARED = Path(__file__).with_name("experiments.toml")
 _COEFFICIENTS = (1.0, 1.5, 2.0, 5.0)  # c of Fig. 10
 
 
-class Variant(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One line of a figure or table.
+@dataclass(frozen=True, kw_only=True)
+class ExperimentOptions(Checked):
+    """How an experiment is run."""
 
-    Attributes:
-        label: for people.
-        scenario: name of a built-in scenario.
-        reference: name of the variant that it is compared with, if any.
-        process: interpretations of the decision process.
-        learning: learning configuration; the command may change its number of episodes.
-    """
+    experiment: Annotated[Name, tyro.conf.Positional]
+    """Experiment to run."""
+    out: NewFolder = None
+    runs: Count = 20
+    """Independent runs of each variant (the paper: 20)."""
+    seed: Seed = 0
+    episodes: Count = LearningConfig().episodes
+    """Training episodes of a run (Section V: 5 000 000)."""
+    greedy_points: Count = LearningConfig().greedy_points
+    """Exact evaluations of the greedy policy during a run, evenly spread."""
+    where: Where = PROCESSES
+
+
+class Variant(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One line of a figure or table."""
 
     label: str
-    scenario: str
-    reference: str | None = None
+    scenario: str  # name of a built-in scenario
+    reference: str | None = None  # name of the variant that it is compared with, if any
     process: ProcessConfig = ProcessConfig()
+    # Learning configuration; the command may change its number of episodes
     learning: LearningConfig = LearningConfig()
 
 

@@ -170,7 +170,6 @@ def evaluate_by(
     """Episodes of robots that decide together.
 
     Args:
-        process: the decision process; its slip probability is ignored.
         starts: (K, N, 2) int64, out of contact.
         decide: returns (N,) int64 directions, of the robots' cells x·rows + y and axes (N,) int64.
     """

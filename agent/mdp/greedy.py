@@ -32,7 +32,7 @@ from agent.mdp.joint import IMPOSSIBLE
 from agent.mdp.rewards import reward_parts
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
-from cosim.base.storage import json_text, replacing, require_suffix, write_json
+from cosim.base.storage import json_text, require_suffix, write_arrays, write_json
 from cosim.coupling.rl_step import Decision, Step
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, Observation
@@ -130,11 +130,9 @@ class GreedyPolicy(ABC):
         facts = {"kind": self.kind, "scenario_digest": digest, "episodes": self.episodes}
         description = msgspec.to_builtins(self.config) | facts
         write_json(path.with_suffix(".json"), description)
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            arrays: dict[str, Any] = {name: getattr(self, name) for name in self.array_names()}
-            np.savez_compressed(
-                file, **arrays, config=np.frombuffer(json_text(description), dtype=np.uint8)
-            )
+        arrays = {name: getattr(self, name) for name in self.array_names()}
+        config = np.frombuffer(json_text(description), dtype=np.uint8)
+        write_arrays(path, arrays | {"config": config})
 
     def act(self, observation: Observation) -> Decision:
         """Return the greedy directions, int64, with their values; ties go to the least rotation.

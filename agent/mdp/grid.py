@@ -59,7 +59,7 @@ def nearest_other(process: Process, world: np.ndarray, i: int) -> tuple[int, int
 
 
 @inlined
-def _look_around(process: Process, world: np.ndarray, i: int) -> None:
+def _observe_nearest(process: Process, world: np.ndarray, i: int) -> None:
     """Update what robot i sees of the nearest other robot."""
     nearest, bearing, partner = nearest_other(process, world, i)
     # Eq. (10)
@@ -84,7 +84,7 @@ def place(process: Process, world: np.ndarray, cells: np.ndarray) -> bool:
         world[i, AXIS] = STARTING_AXIS
     free = True
     for i in range(n):
-        _look_around(process, world, i)
+        _observe_nearest(process, world, i)
         world[i, SIGN] = 0
         free = free and world[i, SQUARED] > process.thresholds.contact
     return free
@@ -174,7 +174,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
     arrived = 0
     outcome = RUNNING
     for i in range(n):
-        _look_around(process, world, i)
+        _observe_nearest(process, world, i)
         nearest = world[i, SQUARED]
         touched = nearest <= contact
         if process.swept:

@@ -48,7 +48,6 @@ def solve(
     No move costs less than 1, so that states of a bucket do not lead to one another.
 
     Args:
-        process: for contact along the moves.
         after: (2, cells, 8) int64, see `cells_after`.
         costs: (8,) float64, cost of a move, at least 1; a parked robot pays nothing.
         free: (cells, cells) bool, joint states in which robots may be and continue.

@@ -29,7 +29,7 @@ from agent.mdp.joint import (
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, read_arrays
-from cosim.base.storage import cache_dir, cached, replacing
+from cosim.base.storage import cache_dir, cached, write_arrays
 from cosim.model.outcome import SUCCESS
 from cosim.onboard.features import DIRECTION_COUNT
 
@@ -49,10 +49,7 @@ class Bound(NamedTuple):
     relaxed: bool  # whether each robot was taken alone
 
     def of_starts(self, starts: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
-        """Means over robots of path lengths in cells and of moves, (K,) float64 each.
-
-        From (K, N, 2) int64 cells of a board with that number of rows.
-        """
+        """Return means over robots of path in cells and of moves, (K,), from (K, N, 2) cells."""
         path_cells = _of_starts(self.path_cells, starts, rows, self.relaxed)
         return path_cells, _of_starts(self.steps, starts, rows, self.relaxed)
 
@@ -104,7 +101,7 @@ def optimum(process: Process) -> Bound:
         path_cells = _optimum(process, _PATH_COSTS, relaxed)
         return Bound(path_cells, _optimum(process, _STEP_COSTS, relaxed), relaxed)
 
-    return cached(path, _load, make, _save)
+    return cached(path, _load, make, lambda bound, path: write_arrays(path, bound._asdict()))
 
 
 def require_paths(process: Process, costs: np.ndarray, *, alone: bool = False) -> None:
@@ -160,17 +157,8 @@ def _load(path: Path) -> Bound:
     return Bound(arrays["path_cells"], arrays["steps"], bool(arrays["relaxed"]))
 
 
-def _save(bound: Bound, path: Path) -> None:
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **bound._asdict())
-
-
 def ratios(process: Process, evaluation: Evaluation) -> tuple[float, float]:
-    """Path length and moves of a policy over the optimum, on the starts where it succeeds.
-
-    Returns:
-        Two ratios of means, at least 1; NaN without a success.
-    """
+    """Return mean path and moves of a policy over the optimum's, where it succeeds; else NaN."""
     succeeded = evaluation.outcome == SUCCESS
     path, steps = optimum(process).of_starts(
         evaluation.starts[succeeded], process.terrain.shape[2] - 2

@@ -184,11 +184,7 @@ def _near(model: MoveModel, plans: np.ndarray) -> bool:
 
 @inlined
 def step(
-    process: Process,
-    model: MoveModel,
-    world: np.ndarray,
-    plans: np.ndarray,
-    rewards: np.ndarray,
+    process: Process, model: MoveModel, world: np.ndarray, plans: np.ndarray, rewards: np.ndarray
 ) -> tuple[int, int]:
     """Let RL steps pass until a robot waits, or 2 s.
 

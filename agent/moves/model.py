@@ -119,12 +119,7 @@ def require_rl_step(rl_step_s: float) -> None:
 
 
 def build_model(moves: ObservedMoves, contact_cells: float) -> MoveModel:
-    """Moves by kind, for the kernels.
-
-    Args:
-        moves: observed moves.
-        contact_cells: centre distance in cells at which training counts a contact.
-    """
+    """Return moves by kind, for the kernels; centres at `contact_cells` count as a contact."""
     require_rl_step(moves.rl_step_s)
     fastest = max(
         (

@@ -57,7 +57,6 @@ class _Walker:
 
     @property
     def done(self) -> bool:
-        """Return whether every kind was seen often enough."""
         return bool((self._seen >= self._target).all())
 
     def choose(self, seen: Observation) -> np.ndarray:
@@ -198,10 +197,10 @@ def cached_moves(
     worlds: WorldRange | None = None,
     cell_m: float = Scenario.cell_m,
 ) -> ObservedMoves:
-    """Moves of these arguments, see `observe_moves`: those in the cache, or observed and kept."""
-    of_cells = "" if cell_m == Scenario.cell_m else f"-{cell_m}"
+    """The moves of these arguments: found in the cache, or observed and kept."""
+    cell = "" if cell_m == Scenario.cell_m else f"-{cell_m}"
     return cached(
-        cache_dir("moves") / f"{source_digest(config, fmu, worlds)}{of_cells}.json",
+        cache_dir("moves") / f"{source_digest(config, fmu, worlds)}{cell}.json",
         ObservedMoves.load,
         lambda: observe_moves(
             config,

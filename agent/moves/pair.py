@@ -130,14 +130,6 @@ def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
     return PairTimes(board, alone, value.clip(0, UNREACHABLE).astype(np.uint16))
 
 
-@inlined
-def _time(times: PairTimes, p: int, axis: int, q: int, other: int) -> float:
-    delay = times.delay[p, axis, q, other]
-    if delay == UNREACHABLE:
-        return math.inf
-    return times.alone[0, p, axis] + times.alone[1, q, other] + GRAIN_S * delay
-
-
 @kernel
 def pair_values(
     times: PairTimes, cells: np.ndarray, goals: np.ndarray, axes: np.ndarray, values: np.ndarray
@@ -184,13 +176,13 @@ def pair_values(
                 values[1, b] = max(values[1, b], near)
                 continue
             q_axis = axis_towards(q, q_after, at) if q_driven else b % AXIS_COUNT
-            time = (
-                (0.0 if p_stays else seconds[a, axes[0]])
-                + (0.0 if q_stays else seconds[b, axes[1]])
-                + _time(times, p_after, p_axis, q_after, q_axis)
-            )
-            if time == math.inf:
+            delay = times.delay[p_after, p_axis, q_after, q_axis]
+            if delay == UNREACHABLE:
                 continue
+            alone = times.alone[0, p_after, p_axis] + times.alone[1, q_after, q_axis]
+            p_time = 0.0 if p_stays else seconds[a, axes[0]]
+            q_time = 0.0 if q_stays else seconds[b, axes[1]]
+            time = p_time + q_time + (alone + GRAIN_S * delay)
             values[0, a] = max(values[0, a], np.float32(-time))
             values[1, b] = max(values[1, b], np.float32(-time))
             squared = squared_distance(p_after, q_after, at)

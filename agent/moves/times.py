@@ -31,10 +31,6 @@ def mean_seconds(moves: ObservedMoves) -> np.ndarray:
     """(8, AXIS_COUNT) float64, mean time in s from a move to the next decision.
 
     By its direction and the axis that the robot faced before.
-
-    Raises:
-        UserError: a kind of move was never observed, or a robot stopped in another cell than the
-            one it was sent to.
     """
     steps: list[list[int]] = [[] for _ in range(KINDS)]
     for move in moves.moves:

@@ -61,13 +61,7 @@ RANGES = WorldRange(
 def draw_world(
     ranges: WorldRange, side_cells: int, reach_cells: int, rng: np.random.Generator
 ) -> World:
-    """A world for a walk that begins in the middle of a board.
-
-    Args:
-        ranges: with μ.
-        side_cells: of the board.
-        reach_cells: how far from the middle patches begin.
-    """
+    """Draw a world for a walk from the middle of a board; patches begin within reach of that."""
 
     def one(range_: Range | None) -> float:
         assert range_ is not None
@@ -92,7 +86,7 @@ def draw_world(
 
 
 def checked_ranges(worlds: Any, config: CoSimConfig) -> WorldRange:
-    """Return ranges that a user gave, with μ; refuse those of worlds that are invalid."""
+    """Return ranges of valid worlds, with μ."""
     if not isinstance(worlds, WorldRange):
         raise ConfigError(
             f"worlds = {worlds!r} has no ranges; give agent.envs.WorldRange(mu=(0.1, 0.26)), or "

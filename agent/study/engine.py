@@ -107,9 +107,7 @@ def lines_of(
         seed: of training, of samples of starts and of what episodes draw.
         count: episodes of a row, None for one from every start. Where there are fewer starts, all,
             or with a claim these again, each time with other noise.
-        progress: receives what is trained and calibrated.
         exactly: whether fewer starts are refused instead.
-        claim: about every row.
     """
     given = {name: to_plain(name, value) for name, value in given.items()}
     axes = {name: value for name, value in given.items() if isinstance(value, list)}
@@ -160,8 +158,6 @@ def measure(
 
     Args:
         recordings: how many failures, and successes, of each row are recorded, on this machine.
-        may_begin: whether another episode may begin.
-        progress: receives how many have ended.
     """
     how: dict[str, Any] = {"where": where, "progress": progress}
     together = [Job(line.case, k) for line in lines if line.claim is None for k in line.indices]
@@ -199,10 +195,9 @@ def _decide(
 def _record(
     lines: Sequence[Line], store: EpisodeStore, count: int, threads: int, progress: Progress
 ) -> list[dict[int, Path]]:
-    """Simulate the first failures and successes of each row again, and record them.
+    """Record the first failures and successes of each row, and return paths by index of the start.
 
-    Returns:
-        The recordings of each row, by index of the start.
+    They are simulated again.
     """
     recorded: list[dict[int, Path]] = []
     jobs: dict[Path, Job] = {}

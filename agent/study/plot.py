@@ -62,8 +62,6 @@ def draw_measure(
         value: of a row: numbers are places on the axis; other values get a place each, in which
             series are next to each other.
         series: of a row, the name of what has a colour of its own.
-        quantity: one of QUANTITIES.
-        axis, title: names of the axis and of the figure.
         columns: most panels in a row.
     """
     known = {n: [r for r in rows if getattr(r, quantity) is not None] for n, rows in panels.items()}
@@ -127,8 +125,6 @@ def draw_map(
 
     Args:
         axes: names, among the labels of rows, of the one to the right and of the one upwards.
-        quantity: one of QUANTITIES.
-        title: of the figure.
     """
     rows = [row for each in panels.values() for row in each]
     places = [list(dict.fromkeys(row.labels()[axis] for row in rows)) for axis in axes]

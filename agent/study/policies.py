@@ -78,9 +78,7 @@ def policy_of(
         given: policy, file, name of a method, "module:Name" of an object or class, or an object
             with `act` or `drive`.
         scenario: in which it acts; a file has its own, and is refused in another one.
-        seed: of training.
         preset: machine of the moves that a method uses.
-        progress: receives what is trained.
     """
     name = str(given) if isinstance(given, str | Path) else None
     if isinstance(given, GreedyPolicy | ObjectPolicy):

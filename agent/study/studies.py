@@ -4,7 +4,7 @@ The command lines are `minirobots evaluate`, `transfer` and `robustness`; see do
 """
 
 import operator
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -19,7 +19,7 @@ from agent.evaluation.rows import OF_METHODS, OF_POLICIES, OF_WORLDS, Row
 from agent.evaluation.statistics import Interval, interval_text
 from agent.study.engine import Line, lines_of, measure
 from agent.study.grid import policy_files, show_failures
-from agent.study.options import AXES, Axis, Sampling, Work
+from agent.study.options import AXES, RobustnessOptions, Sampling, TransferOptions
 from agent.study.policies import name_of, policy_of
 from agent.study.report import Report, write_figure
 from agent.study.store import EpisodeStore
@@ -32,7 +32,7 @@ from cosim.base.reading import Kind, read_toml
 from cosim.base.table import write_report
 from cosim.model.params import TABLE_I
 from cosim.model.scenario import Scenario
-from cosim.model.scenario_file import PAPER, ROUGH, find_scenario, read_world
+from cosim.model.scenario_file import ROUGH, find_scenario, read_world
 from cosim.model.world import World
 from cosim.simulation.options import SimulationOptions
 
@@ -141,25 +141,17 @@ class TransferReport(Report, frozen=True, kw_only=True):
         return "\n".join([*(goal.finding() for goal in self.goals), last])
 
 
-def transfer(
-    out: Path,
-    how: Work,
-    *,
-    scenarios: Collection[str] = tuple(PAPER),
-    methods: Collection[str] = COMPARED,
-    quick: bool = False,
-    progress: Progress = silent,
-) -> TransferReport:
-    """Simulate missing episodes and write the table; arguments are options of the command."""
-    may_begin, store = until(how.budget_minutes), EpisodeStore(out / "results")
-    boards = [find_scenario(name, ideal=True) for name in scenarios]
+def transfer(how: TransferOptions, progress: Progress = silent) -> TransferReport:
+    """Simulate missing episodes, write the table and return it."""
+    may_begin, store = until(how.budget_minutes), EpisodeStore(how.out / "results")
+    boards = [find_scenario(name, ideal=True) for name in how.scenarios]
     lines: list[Line] = []
-    for method in (method for method in METHODS if method in methods):
-        policies = [_trained(method, board, out, how.seed, progress) for board in boards]
+    for method in (method for method in METHODS if method in how.methods):
+        policies = [_trained(method, board, how, progress) for board in boards]
         mus = MUS if method == _DETAILED else MUS[:1]
         for mu, policy, shield in product(mus, policies, (False, True)):
-            count = QUICK_EPISODES if quick else _SOME
-            if method == _DETAILED and mu == TABLE_I.mu and not shield and not quick:
+            count = QUICK_EPISODES if how.quick else _SOME
+            if method == _DETAILED and mu == TABLE_I.mu and not shield and not how.quick:
                 count = None if policy.config.scenario.robots == 1 else _MANY
             physics = {"mu": [mu], "shield": [shield]}
             lines += lines_of({method: policy}, [None], physics, how.seed, count, progress)
@@ -172,14 +164,16 @@ def transfer(
         simulated=sum(len(store.results(line.case)) for line in lines),
         goals=tuple(goals(row for row in rows if row.policy == _DETAILED)),
     )
-    write_report(out / "transfer", report, report.to_markdown())
+    write_report(how.out / "transfer", report, report.to_markdown())
     return report
 
 
-def _trained(method: str, board: Scenario, out: Path, seed: int, progress: Progress) -> Any:
+def _trained(
+    method: str, board: Scenario, how: TransferOptions | RobustnessOptions, progress: Progress
+) -> Any:
     """Return the policy of a method for a board, which is kept in the folder of a study, too."""
-    policy = policy_of(method, board, seed=seed, progress=progress)
-    policy.save(out / "policies" / f"{board.name}-{method}.npz")
+    policy = policy_of(method, board, seed=how.seed, progress=progress)
+    policy.save(how.out / "policies" / f"{board.name}-{method}.npz")
     return policy
 
 
@@ -204,29 +198,20 @@ class RobustnessReport(Report, frozen=True, kw_only=True):
 
 
 def robustness(
-    out: Path,
-    how: Work,
-    world: World,
-    *,
-    scenario: str = "4",
-    axes: Collection[Axis] = AXES,
-    methods: Collection[str] = COMPARED,
-    episodes: int | None = None,
-    quick: bool = False,
-    progress: Progress = silent,
+    how: RobustnessOptions, world: World, progress: Progress = silent
 ) -> RobustnessReport:
-    """Simulate the missing rows of the table, and write it with its plot.
+    """Simulate the missing rows of the table, write it with its plot and return it.
 
-    Arguments are options of the command, `world` the one in which nothing is ideal.
+    In the given world nothing is ideal.
     """
     from agent.study.plot import draw_measure  # noqa: PLC0415 - slow to import
 
-    may_begin, store = until(how.budget_minutes), EpisodeStore(out / "results")
-    count = QUICK_EPISODES if quick else episodes or _SOME
-    board, lines = find_scenario(scenario, ideal=True), list[Line]()
-    compared = [method for method in COMPARED if method in methods]
-    policies = {m: _trained(m, board, out, how.seed, progress) for m in compared}
-    measured = [axis for axis in AXES if axis in axes]
+    may_begin, store = until(how.budget_minutes), EpisodeStore(how.out / "results")
+    count = QUICK_EPISODES if how.quick else how.episodes or _SOME
+    board, lines = find_scenario(how.scenario, ideal=True), list[Line]()
+    compared = [method for method in COMPARED if method in how.methods]
+    policies = {method: _trained(method, board, how, progress) for method in compared}
+    measured = [axis for axis in AXES if axis in how.axes]
     for axis in measured:
         shield = [False, True] if axis == "everything" else [False]
         for value, of in worlds_of(axis, board, world):
@@ -238,14 +223,14 @@ def robustness(
     report = RobustnessReport(
         rows=rows, axes=("axis", "value", "world"), seed=how.seed if rows else None
     )
-    write_report(out / "robustness", report, report.to_markdown())
+    write_report(how.out / "robustness", report, report.to_markdown())
     figure = draw_measure(
         {a: [r for r in rows if r.options["axis"] == a and not r.shield] for a in measured},
         lambda row: row.options["value"],
         lambda row: row.policy,
-        title=f"scenario {scenario}, without the shield; bars: 95 %, Wilson",
+        title=f"scenario {how.scenario}, without the shield; bars: 95 %, Wilson",
     )
-    write_figure(out / "robustness.png", figure)
+    write_figure(how.out / "robustness.png", figure)
     return report
 
 

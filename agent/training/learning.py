@@ -56,8 +56,8 @@ class TrainingState:
     agent_steps: int = 0  # decisions of all robots so far
 
     @property
-    def trained(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What every episode of a compiled loop updates."""
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return what the kernels update."""
         return self.q, self.visits, self.random, self.curve
 
 

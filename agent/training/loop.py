@@ -1,8 +1,8 @@
 """One training run from start to end: chunks with progress, and learning curves.
 
-The compiled loops are `agent.training.qlearning`, `moves_qlearning` and `rules`; where results are
-kept is `agent.training.store`; many runs at once are `agent.training.runs`. How a run is cut into
-chunks cannot change its bits.
+The compiled loops are `agent.training.qlearning` and `moves_qlearning`; where results are kept is
+`agent.training.store`; many runs at once are `agent.training.runs`. How a run is cut into chunks
+cannot change its bits.
 """
 
 from pathlib import Path
@@ -30,12 +30,11 @@ from agent.training.learning import (
 from agent.training.methods import find_method
 from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import Policy, PolicyConfig
-from agent.training.qlearning import advance
-from agent.training.rules import advance_by
+from agent.training.qlearning import advance, advance_by
 from agent.training.settings import LearningConfig
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_arrays
-from cosim.base.storage import replacing
+from cosim.base.storage import write_arrays
 from cosim.model.outcome import Outcome
 
 # Learning curves evaluate up to this many of the `joint_starts`, evenly spaced if there are more.
@@ -62,8 +61,7 @@ class TrainingLog(NamedTuple):
 
     def save(self, path: Path) -> None:
         """Write as `.npz`, whole or not at all."""
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, **self._asdict())
+        write_arrays(path, self._asdict())
 
     @classmethod
     def load(cls, path: Path) -> "TrainingLog":

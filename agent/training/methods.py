@@ -166,7 +166,6 @@ def learner(*, tables: int = 1, **facts: Any) -> Callable[[Callable[..., None]],
     or random; `coin` is a random uint64. Robots act by the sum of the tables.
 
     Args:
-        tables: one or two.
         facts: further fields of `Method`, such as `settings`.
     """
     algorithm = "double_q" if tables == 2 else "q"
@@ -259,7 +258,6 @@ def method_config(
         motor_fmu, motor_parameters: of the observed moves, by default the built-in one's.
         worlds: ranges of the worlds that moves are observed in; by default that of the paper.
         preset: machine that moves are observed of, where the method uses them.
-        progress: receives what is calibrated and observed.
     """
     method = find_method(method)
     for name, value, used in (

@@ -49,10 +49,7 @@ def _run_episodes(
     last: int,
     discounts: np.ndarray,
 ) -> int:
-    """Train over episodes [first, last), and return the decisions made.
-
-    All arrays but `discounts` (see `_discounts`) are updated.
-    """
+    """Train over episodes [first, last), and return the decisions made; `discounts` stay."""
     n = len(process.start_offsets) - 1
     world = np.empty((n, COLUMN_COUNT), dtype=np.int64)
     plans = np.empty((n, PLAN_SIZE))
@@ -144,6 +141,6 @@ def advance_moves(
     """Train a state up to episode `until` over moves that last, in place."""
     discounts = _discounts(process, model, learning.gamma)
     state.agent_steps += _run_episodes(
-        process, model, learning, *state.trained, state.episode, until, discounts
+        process, model, learning, *state.arrays, state.episode, until, discounts
     )
     state.episode = until

@@ -178,11 +178,9 @@ class _OnTimes(GreedyPolicy):
         """(N, 8) float32, action values by (3, N) int64, see `_numbers`."""
 
     def q_values(self, observation: Observation) -> np.ndarray:
-        """See `GreedyPolicy.q_values`."""
         return self.values_at(self._numbers(observation))
 
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """See `GreedyPolicy.evaluate`."""
         starts = some_starts(self.process, self.most_starts) if starts is None else starts
 
         def decide(cells: np.ndarray, axes: np.ndarray) -> np.ndarray:

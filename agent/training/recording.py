@@ -161,7 +161,6 @@ def _send_scatter(
 
 
 def _write_maps(file: Recording, name: str, episode: int, maps: PolicyMap) -> None:
-    """Maps of a robot after an episode."""
     known = maps.visits > 0
     visits = np.log10(np.maximum(maps.visits, 1))
     time = rr.TimeColumn("episode", sequence=[episode])

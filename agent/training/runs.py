@@ -70,14 +70,9 @@ def make_runs(
     progress: Progress = silent,
     task: str = "training",
 ) -> list[tuple[Policy, TrainingLog]]:
-    """Train the runs of an experiment and write each to its folder as soon as it is ready.
+    """Train the runs of an experiment that its folder lacks, and return all in their order.
 
-    Args:
-        out: folder of the experiment, made if it is missing; runs that it has are only read.
-        progress: receives how many runs have ended, under the name `task`.
-
-    Returns:
-        Policies and learning curves of all runs in their order.
+    Each is written as soon as it is ready; progress is reported under the name `task`.
     """
     out = out.absolute()
     build_process(experiment.scenario, experiment.process)  # refuse here, not in every worker

@@ -30,15 +30,9 @@ def draw_figures(
     small: bool = False,
     progress: Progress = silent,
 ) -> tuple[dict[str, list[Path]], dict[str, str]]:
-    """Draw what can be drawn.
+    """Draw what can be drawn: return files by figure, and why other figures could not be drawn.
 
-    Args:
-        results: folder of results.
-        out: folder to write to.
-        small: whether only PNGs of 900 pixels are written, for the docs.
-
-    Returns:
-        Files written, by figure, and why the other figures could not be drawn.
+    Where `small`, only PNGs of 900 pixels are written, for the docs.
     """
     drawn: dict[str, list[Path]] = {}
     lacking: dict[str, str] = {}

@@ -230,9 +230,7 @@ def _learning_figure(
 ) -> Drawing:
     """Return the learning curves of an experiment, with a sentence for each variant.
 
-    Args:
-        judged: see `Drawing`.
-        compared: measure in which variants differ from their references, and what it shows.
+    `compared` is the measure in which variants differ from their references, and what it shows.
     """
     variants = load_variants(RESULTS[content.experiment].location(results), content)
     numbers: dict[str, Any] = {"episodes": content.episodes}
@@ -274,10 +272,7 @@ def path_ratio(results: Path) -> Drawing:
     return Drawing(draw_ratios(variants), tuple(ours), numbers)
 
 
-_RATIOS = {
-    "ratio_to_bound": ("path length", BLUE),
-    "steps_ratio_to_bound": ("moves", VERMILION),
-}
+_RATIOS = {"ratio_to_bound": ("path length", BLUE), "steps_ratio_to_bound": ("moves", VERMILION)}
 
 
 def draw_ratios(variants: dict[str, VariantResult]) -> Figure:

@@ -28,37 +28,22 @@ MEAN_S = 1e-4
 
 
 class Cycle(NamedTuple):
-    """One turn of motor D while a robot drives; n ticks.
-
-    Attributes:
-        robot: name.
-        time_s: (n,).
-        theta: (n, 2) angles of D and E, rad.
-        omega: (n, 2) speeds of D and E, rad/s.
-        apart_rad: mean angle between the masses; 0 where they push together, π where they cancel.
-        driving_n: (n,) force of both eccentric masses along the body's x axis, Eq. (3).
-        friction_n: (n,) friction of all feet along it, mean over MEAN_S.
-        holds_n: (n,) largest friction that the feet's load allows, likewise.
-        normal_n: (n, 3) load of feet A, B, C, likewise.
-        impact_n_s: largest normal impulse with which a foot lands.
-        lifted: (n, 3) bool, feet that carry nothing.
-        slides: (n, 3) bool, feet that slide.
-        ahead_m: (n,) distance along the body's x axis since the first tick.
-    """
+    """One turn of motor D while a robot drives; n ticks."""
 
     robot: str
-    time_s: np.ndarray
-    theta: np.ndarray
-    omega: np.ndarray
+    time_s: np.ndarray  # (n,)
+    theta: np.ndarray  # (n, 2) angles of D and E, rad
+    omega: np.ndarray  # (n, 2) speeds of D and E, rad/s
+    # Mean angle between the masses; 0 where they push together, π where they cancel
     apart_rad: float
-    driving_n: np.ndarray
-    friction_n: np.ndarray
-    holds_n: np.ndarray
-    normal_n: np.ndarray
-    impact_n_s: float
-    lifted: np.ndarray
-    slides: np.ndarray
-    ahead_m: np.ndarray
+    driving_n: np.ndarray  # (n,) force of both eccentric masses along the body's x axis, Eq. (3)
+    friction_n: np.ndarray  # (n,) friction of all feet along it, mean over MEAN_S
+    holds_n: np.ndarray  # (n,) largest friction that the feet's load allows, likewise
+    normal_n: np.ndarray  # (n, 3) load of feet A, B, C, likewise
+    impact_n_s: float  # largest normal impulse with which a foot lands
+    lifted: np.ndarray  # (n, 3) bool, feet that carry nothing
+    slides: np.ndarray  # (n, 3) bool, feet that slide
+    ahead_m: np.ndarray  # (n,) distance along the body's x axis since the first tick
 
 
 def find_cycle(episode: Episode) -> Cycle:
@@ -66,10 +51,6 @@ def find_cycle(episode: Episode) -> Cycle:
 
     Nothing keeps the motors in step: their masses drift between pushing together and against each
     other, and what a turn looks like depends on it.
-
-    Raises:
-        UserError: there is none.
-        FileError: the recording has no bursts, angles or parameters.
     """
     cycles = [cycle for robot in episode.robots for cycle in _cycles(episode, robot)]
     if not cycles:
@@ -100,11 +81,7 @@ def _cycles(episode: Episode, robot: str) -> Iterator[Cycle]:
 
 
 def _cycle(episode: Episode, robot: str, rows: np.ndarray, *motion: np.ndarray) -> Cycle:
-    """Return a turn by its n rows in the bursts.
-
-    Args:
-        motion: angles, speeds and accelerations of D and E there, (n, 2) each.
-    """
+    """Return a turn by its n rows in the bursts; `motion` as of `_driving_force`."""
     raw = (episode.signals[f"/raw/{robot}/{name}"] for name in ("friction", "normal", "position"))
     friction, normal, position = (
         s._replace(time_s=s.time_s[rows], values=s.values[rows]) for s in raw
@@ -114,6 +91,8 @@ def _cycle(episode: Episode, robot: str, rows: np.ndarray, *motion: np.ndarray) 
     headings = episode.signals[f"/sim/{robot}/heading"]
     heading = headings.values[np.argmin(np.abs(headings.time_s - time_s[0]))]
     theta, omega, _ = motion
+    landed = (load[:-2] == 0.0) & (load[1:-1] > 0.0)
+    impacts = np.where(landed, load[1:-1] + load[2:], 0.0)  # of two ticks
     return Cycle(
         robot,
         time_s,
@@ -124,7 +103,7 @@ def _cycle(episode: Episode, robot: str, rows: np.ndarray, *motion: np.ndarray) 
         _mean(friction.values[:, ::2].sum(axis=1), dt_s),
         _mean(mu * load.sum(axis=1), dt_s),
         np.apply_along_axis(_mean, 0, load, dt_s),
-        _largest_impact(load, dt_s),
+        float(impacts.max(initial=0.0)) * dt_s,
         load == 0.0,
         sliding(friction, normal, mu),
         (path - path[0]) @ [np.cos(heading), np.sin(heading)],
@@ -136,17 +115,6 @@ def _mean(values: np.ndarray, dt_s: float) -> np.ndarray:
     count = max(1, round(MEAN_S / dt_s))
     window = np.ones(count)
     return np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same")
-
-
-def _largest_impact(load: np.ndarray, dt_s: float) -> float:
-    """Largest normal impulse in N s of a foot in the two ticks in which it lands; 0 if none does.
-
-    Args:
-        load: (n, 3) normal forces at every tick.
-        dt_s: time between two.
-    """
-    landed = (load[:-2] == 0.0) & (load[1:-1] > 0.0)
-    return float(np.where(landed, load[1:-1] + load[2:], 0.0).max(initial=0.0)) * dt_s
 
 
 def _angles(

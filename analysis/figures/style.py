@@ -23,11 +23,7 @@ NOTHING = "–"  # where a number has no value
 
 @styled
 def save(figure: Figure, out: Path) -> list[Path]:
-    """Write the figure as PNG and PDF and return the files; same data give the same bytes.
-
-    Args:
-        out: file name, ending .png, .pdf or without ending.
-    """
+    """Write the figure as PNG and PDF and return the files; same data give the same bytes."""
     if out.suffix not in (*FORMATS, ""):
         raise UserError(f"--out {out}: name a .png or .pdf file, both are written")
     files = [out.with_suffix(suffix) for suffix in FORMATS]
@@ -66,40 +62,30 @@ def verdicts(holds: Mapping[str, bool | None]) -> str:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure that is drawn, and what it shows.
-
-    Attributes:
-        ours: what we find, one line each.
-        numbers: the numbers in `ours` by name, unit suffixes in the names.
-        judged: our result and the verdict, for each claim of the paper that the figure bears on.
-        words: that its title takes.
-    """
+    """A figure that is drawn, and what it shows."""
 
     figure: Figure
-    ours: tuple[str, ...]
+    ours: tuple[str, ...]  # what we find, one line each
+    # The numbers in `ours` by name, unit suffixes in the names
     numbers: dict[str, Any] = field(default_factory=dict)
+    # Our result and the verdict, for each claim of the paper that the figure bears on
     judged: tuple[tuple[str, str], ...] = ()
-    words: dict[str, Any] = field(default_factory=dict)
+    words: dict[str, Any] = field(default_factory=dict)  # that its title takes
 
 
 @dataclass(frozen=True)
 class Caption:
-    """Caption of a figure; numbers in it are computed from the data drawn.
+    """Caption of a figure; numbers in it are computed from the data drawn."""
 
-    Attributes:
-        figure: name of the figure, that of its files.
-        title, claim, inputs: see `analysis.reading.results.FigureEntry`.
-        ours, numbers: see `Drawing`.
-        claims: on which it bears, as the report lists them.
-    """
-
-    figure: str
+    figure: str  # name of the figure, that of its files
+    # title, claim, inputs: see `analysis.reading.results.FigureEntry`
     title: str
     claim: str
+    # ours, numbers: see `Drawing`
     ours: tuple[str, ...]
     numbers: dict[str, Any] = field(default_factory=dict)
     inputs: tuple[str, ...] = ()
-    claims: tuple[Claim, ...] = ()
+    claims: tuple[Claim, ...] = ()  # on which it bears, as the report lists them
 
     @classmethod
     def of(cls, name: str, drawing: Drawing) -> "Caption":

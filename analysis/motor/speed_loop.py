@@ -52,25 +52,18 @@ def speed_loop(motor: MotorParams) -> Loop:
 
 
 class LoopMerit(NamedTuple):
-    """Figures of merit of the speed loop.
+    """Figures of merit of the speed loop."""
 
-    Attributes:
-        poles_rad_s: of the closed loop, slowest first.
-        bandwidth_rad_s, open_bandwidth_rad_s: of the closed loop, -3 dB of its gain at rest, and of
-            the motor alone.
-        gain_margin: factor; infinite for a plant of first order.
-        phase_margin_deg, crossover_rad_s: at the gain crossover; infinite and NaN where there is
-            none.
-        delayed_phase_margin_deg: with a delay of one control period, as of a controller in
-            firmware.
-    """
-
-    poles_rad_s: tuple[complex, ...]
+    poles_rad_s: tuple[complex, ...]  # of the closed loop, slowest first
+    # bandwidth_rad_s, open_bandwidth_rad_s: of the closed loop, -3 dB of its gain at rest, and of
+    # the motor alone
     bandwidth_rad_s: float
     open_bandwidth_rad_s: float
-    gain_margin: float
+    gain_margin: float  # factor; infinite for a plant of first order
+    # phase_margin_deg, crossover_rad_s: at the gain crossover; infinite and NaN where there is none
     phase_margin_deg: float
     crossover_rad_s: float
+    # With a delay of one control period, as of a controller in firmware
     delayed_phase_margin_deg: float
 
     def record(self) -> dict[str, Any]:

@@ -25,19 +25,14 @@ STEP_S = 1e-5  # of the FMU
 
 
 class StepResponse(NamedTuple):
-    """A step response from rest.
+    """A step response from rest."""
 
-    Attributes:
-        K_p, K_i: gains in V s/rad and V/rad.
-        anti_windup: whether it is the FMU's own loop, else Eq. (14) without anti-windup.
-        rise: of the speed.
-        omega, voltage: (n,) speed in rad/s and voltage at the motor in V, every ms.
-    """
-
+    # K_p, K_i: gains in V s/rad and V/rad
     K_p: float
     K_i: float
-    anti_windup: bool
-    rise: Rise
+    anti_windup: bool  # whether it is the FMU's own loop, else Eq. (14) without anti-windup
+    rise: Rise  # of the speed
+    # omega, voltage: (n,) speed in rad/s and voltage at the motor in V, every ms
     omega: np.ndarray
     voltage: np.ndarray
 
@@ -123,8 +118,6 @@ def draw(
     Args:
         motor, proposed: parameters of the FMU, and the same with the proposed gains.
         frequencies_rad_s, measured: (n,) the closed loop's response of the FMU.
-        steps: of `compare_gains`.
-        omega_des: their set point in rad/s.
     """
     loops = {"theory": (speed_loop(motor), BLUE), "proposed": (speed_loop(proposed), GREEN)}
     merits = {name: figures_of_merit(loop) for name, (loop, _) in loops.items()}

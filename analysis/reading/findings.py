@@ -35,22 +35,15 @@ _FAILURES = {
 
 
 class Finding(msgspec.Struct, frozen=True):
-    """One thing that stands out in an episode.
+    """One thing that stands out in an episode."""
 
-    Attributes:
-        kind: such as "near miss".
-        where: robot, pair of robots or part of one.
-        time_s: when to look at the recording; None if it is about all of it.
-        numbers: what the text says, for programs.
-        wrong: whether it looks wrong; robots that reach their targets also slide, lift their feet,
-            start with full voltage and pass each other.
-    """
-
-    kind: str
-    where: str
+    kind: str  # such as "near miss"
+    where: str  # robot, pair of robots or part of one
     text: str
-    time_s: float | None
-    numbers: dict[str, Any]
+    time_s: float | None  # when to look at the recording; None if it is about all of it
+    numbers: dict[str, Any]  # what the text says, for programs
+    # Whether it looks wrong; robots that reach their targets also slide, lift their feet, start
+    # with full voltage and pass each other
     wrong: bool = True
 
 

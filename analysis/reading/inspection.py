@@ -36,24 +36,17 @@ class RobotSummary(msgspec.Struct, frozen=True):
 
 
 class Inspection(msgspec.Struct, frozen=True):
-    """Everything that `minirobots inspect` prints.
-
-    Attributes:
-        complete: whether its writer came to the end.
-        outcome: of the episode, None if the recording ends before it.
-        parameters: value, unit, description and source of each, by name.
-        signals: a row per component.
-    """
+    """Everything that `minirobots inspect` prints."""
 
     recording: str
     recording_id: str
-    complete: bool
-    outcome: str | None
+    complete: bool  # whether its writer came to the end
+    outcome: str | None  # of the episode, None if the recording ends before it
     time_s: float
     facts: dict[str, Any]
-    parameters: dict[str, dict[str, Any]]
+    parameters: dict[str, dict[str, Any]]  # value, unit, description and source of each, by name
     robots: dict[str, RobotSummary]
-    signals: list[SignalStatistics]
+    signals: list[SignalStatistics]  # a row per component
     findings: list[Finding]
     schema_version: int = SCHEMA_VERSION
 

@@ -14,23 +14,14 @@ LOOPS = ("open_loop", "closed_loop")
 
 
 class Response(NamedTuple):
-    """Signals of one run; float64 arrays (n,) in SI units, one value per ms.
+    """Signals of one run; float64 arrays (n,) in SI units, one value per ms."""
 
-    Attributes:
-        time_s: from 0 on.
-        omega: speed of the shaft, rad/s.
-        omega_des: set point, rad/s.
-        voltage: at the motor, V.
-        current: A.
-        disturbance: torque on the shaft, N m, from this time on.
-    """
-
-    time_s: np.ndarray
-    omega: np.ndarray
-    omega_des: np.ndarray
-    voltage: np.ndarray
-    current: np.ndarray
-    disturbance: np.ndarray
+    time_s: np.ndarray  # from 0 on
+    omega: np.ndarray  # speed of the shaft, rad/s
+    omega_des: np.ndarray  # set point, rad/s
+    voltage: np.ndarray  # at the motor, V
+    current: np.ndarray  # A
+    disturbance: np.ndarray  # torque on the shaft, N m, from this time on
 
 
 SIGNALS = Response._fields[1:]  # entities below /sim/<loop>
@@ -56,19 +47,15 @@ def read(path: Path) -> tuple[dict[str, Response], dict[str, float]]:
 
 
 class Rise(NamedTuple):
-    """Rise of a speed to its set point; None where it does not get there within the test.
+    """Rise of a speed to its set point; None where it does not get there within the test."""
 
-    Attributes:
-        to_63_percent_s, to_90_percent_s, to_98_percent_s: time until the share is first reached.
-        within_2_percent_s: time from which on the speed stays within ±2 % of the set point.
-        overshoot: largest speed over the set point, less 1.
-    """
-
+    # to_63_percent_s, to_90_percent_s, to_98_percent_s: time until the share is first reached
     to_63_percent_s: float | None
     to_90_percent_s: float | None
     to_98_percent_s: float | None
+    # Time from which on the speed stays within ±2 % of the set point
     within_2_percent_s: float | None
-    overshoot: float
+    overshoot: float  # largest speed over the set point, less 1
 
 
 SHARES = (1.0 - math.exp(-1.0), 0.9, 0.98)  # the first is the time constant of a first-order lag
@@ -76,13 +63,7 @@ BAND = 0.02
 
 
 def rise(time_s: np.ndarray, omega: np.ndarray, set_point: float) -> Rise:
-    """Return how a speed comes up to its set point.
-
-    Args:
-        time_s: (n,) from the step on.
-        omega: (n,) speed in rad/s.
-        set_point: in rad/s.
-    """
+    """Return how a speed (n,) in rad/s comes up to its set point at times (n,) since the step."""
     near = np.abs(omega - set_point) <= BAND * set_point
     stays = np.logical_and.accumulate(near[::-1])[::-1]
     to_63, to_90, to_98, within = (

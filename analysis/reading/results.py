@@ -32,27 +32,17 @@ DRIVEN_BY = ("paper", "moves")
 
 @dataclass(frozen=True)
 class Result:
-    """A file or folder of results.
+    """A file or folder of results."""
 
-    Attributes:
-        name: by which figures and people ask for it.
-        title: what is done to get it.
-        path: below the results folder; a folder where the command makes several files.
-        maker: command of `minirobots` that makes it.
-        proof: file below the path that is there once the result can be used, if it is a folder.
-        of: experiment or scenario, where the command makes several.
-        method: by which the policy of a run is made.
-        arguments: of the command, without --out.
-    """
-
-    name: str
-    title: str
-    path: str
-    maker: str
+    name: str  # by which figures and people ask for it
+    title: str  # what is done to get it
+    path: str  # below the results folder; a folder where the command makes several files
+    maker: str  # command of `minirobots` that makes it
+    # File below the path that is there once the result can be used, if it is a folder
     proof: str = ""
-    of: str = ""
-    method: str = ""
-    arguments: tuple[str, ...] = ()
+    of: str = ""  # experiment or scenario, where the command makes several
+    method: str = ""  # by which the policy of a run is made
+    arguments: tuple[str, ...] = ()  # of the command, without --out
 
     def location(self, results: Path) -> Path:
         """Return its path in a results folder."""
@@ -115,21 +105,13 @@ RESULTS: dict[str, Result] = {
 
 
 class FigureEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What `figures.toml` says of a figure, by its name, which is that of its files too.
+    """What `figures.toml` says of a figure, by its name, which is that of its files too."""
 
-    Attributes:
-        draw: module of `analysis.figures` and function.
-        title: what it shows.
-        claim: what the paper says or shows; empty if the paper has no such figure.
-        claims: of the paper, in short, on which it bears.
-        inputs: results that it is drawn from.
-    """
-
-    draw: str
-    title: str
-    claim: str = ""
-    claims: tuple[str, ...] = ()
-    inputs: tuple[str, ...] = ()
+    draw: str  # module of `analysis.figures` and function
+    title: str  # what it shows
+    claim: str = ""  # what the paper says or shows; empty if the paper has no such figure
+    claims: tuple[str, ...] = ()  # of the paper, in short, on which it bears
+    inputs: tuple[str, ...] = ()  # results that it is drawn from
 
 
 @functools.cache

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Collection, Iterable, Mapping
 from difflib import get_close_matches
-from functools import cache
+from functools import cache, partial
 from pathlib import Path, PurePath
 from typing import Any, get_type_hints
 
@@ -93,9 +93,7 @@ def validate_fields(record: Any, where: str = "", but: Collection[str] = ()) -> 
             put(record, name, validate_argument(where + name, getattr(record, name), kind))
 
 
-@cache
-def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind, include_extras=True)
+_hints = cache(partial(get_type_hints, include_extras=True))
 
 
 def require_names(where: str, names: Iterable[str], known: Collection[str]) -> None:

@@ -42,7 +42,8 @@ def sweep(
         return
     if address is not None and address != "auto":
         _require_listener(backend, address)
-    connect = {"dask": _dask, "ray": _ray}.get(backend, _local)
+    clusters = {"dask": _dask, "ray": _ray}
+    connect = clusters.get(backend, lambda *_: contextlib.nullcontext((BrokenProcessPool,)))
     name = "threading" if backend == "threads" else backend
     with connect(where, (function, tasks)) as deaths, joblib.parallel_config(name):
         for _ in range(ATTEMPTS):
@@ -96,11 +97,6 @@ def _results(backend: Backend, jobs: int, calls: Iterator[Any]) -> Iterator[Any]
 
 def _numbered(function: Callable[[Any], Any], index: int, task: Any) -> tuple[int, Any]:
     return index, function(task)
-
-
-@contextlib.contextmanager
-def _local(where: Workers, work: Any) -> Iterator[Deaths]:
-    yield (BrokenProcessPool,)
 
 
 @contextlib.contextmanager

@@ -15,8 +15,6 @@ from msgspec import Meta
 from cosim.base.arguments import MAX_SEED, validate_fields
 from cosim.base.errors import UserError
 
-_LARGEST = 1e12
-
 
 @dataclass(frozen=True, kw_only=True)
 class Checked:
@@ -39,7 +37,7 @@ def record_of(kind: Any, given: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]
 
 Count = Annotated[int, Meta(ge=1, le=MAX_SEED - 1)]
 NotNegative = Annotated[int, Meta(ge=0, le=MAX_SEED - 1)]
-Positive = Annotated[float, Meta(gt=0, le=_LARGEST)]
+Positive = Annotated[float, Meta(gt=0, le=1e12)]
 Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
 Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
@@ -98,7 +96,7 @@ MotorFmuFile = Annotated[
 ]
 
 
-def _named_number(texts: list[str]) -> tuple[str, float]:
+def _parse_pair(texts: list[str]) -> tuple[str, float]:
     name, _, value = texts[0].partition("=")
     return name, float(value)
 
@@ -108,7 +106,7 @@ NamedNumber = Annotated[
     tyro.constructors.PrimitiveConstructorSpec(
         nargs=1,
         metavar="NAME=VALUE",
-        instance_from_str=_named_number,
+        instance_from_str=_parse_pair,
         is_instance=lambda pair: isinstance(pair, tuple),
         str_from_instance=lambda pair: [f"{pair[0]}={pair[1]:g}"],
     ),

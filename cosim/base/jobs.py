@@ -12,8 +12,8 @@ from typing import Annotated, Any, Generic, Literal, NamedTuple, Protocol, TypeV
 
 import tyro
 
-from cosim.base.arguments import validate_argument, validate_fields
-from cosim.base.command import BudgetMinutes, Jobs, workers
+from cosim.base.arguments import validate_argument
+from cosim.base.command import BudgetMinutes, Checked, Jobs, workers
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent, under_way
 
@@ -24,7 +24,7 @@ _CLUSTER = 64  # workers that a cluster at an address is taken to have
 
 
 @dataclass(frozen=True, kw_only=True)
-class Workers:
+class Workers(Checked):
     """Place where jobs are computed; the results do not depend on it."""
 
     jobs: Jobs = -1
@@ -35,7 +35,7 @@ class Workers:
     """Address of the cluster's head; without it Ray and Dask start on this machine."""
 
     def __post_init__(self) -> None:
-        validate_fields(self)
+        super().__post_init__()
         if self.jobs != -1:  # counting the cores is slow to import
             workers(self.jobs)
         if self.address is not None and self.backend not in {"ray", "dask"}:

@@ -114,7 +114,7 @@ def showing(call: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
     """Return a function that shows its progress by default, and none with `progress=None`."""
 
     @functools.wraps(call)
-    def shown(*args: Parameters.args, **options: Parameters.kwargs) -> Result:
+    def wrapped(*args: Parameters.args, **options: Parameters.kwargs) -> Result:
         progress = options.get("progress", automatic)
         if progress is not None and not callable(progress):
             raise UserError(f"progress = {progress!r} is no function; give one, or None for none")
@@ -124,4 +124,4 @@ def showing(call: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
         with progress_bars() as options["progress"]:
             return call(*args, **options)
 
-    return shown
+    return wrapped

@@ -18,11 +18,10 @@ _PACKAGES = ("minirobots", "fmpy", "numba", "numpy", "rerun-sdk")
 
 
 def digest_of(*parts: Any) -> str:
-    """Hash (16 hex digits) of what a result depends on.
+    """Return a hash (16 hex digits) of what a result depends on.
 
-    Args:
-        parts: paths stand for the content of their files, arrays for type, shape and values, and
-            all else for the JSON that `msgspec` makes of it, keys in order.
+    Paths stand for the content of their files, arrays for type, shape and values, and all else for
+    the JSON that `msgspec` makes of it, keys in order.
     """
     found = hashlib.sha256()
     for number, part in enumerate(parts):

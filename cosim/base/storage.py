@@ -12,11 +12,12 @@ import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any, BinaryIO, TypeVar
 
 import msgspec
+import numpy as np
 from filelock import FileLock
 
 from cosim.base.arguments import validate_argument
@@ -240,6 +241,12 @@ def json_text(content: Any) -> bytes:
 def write_json(path: Path, content: Any) -> None:
     """Write what `msgspec` can encode as JSON for people and programs, whole or not at all."""
     write_whole(path, json_text(content) + b"\n")
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write arrays by name as `.npz`, whole or not at all; `read_arrays` reads them."""
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)
 
 
 def write_whole(path: Path, content: str | bytes) -> None:

@@ -58,24 +58,16 @@ LEAST_M_S, LEAST_RAD_S = 5e-5, 0.005  # below, a machine counts as not moving
 
 
 class Primitive(msgspec.Struct, frozen=True):
-    """A motion primitive, and how well it repeats itself.
+    """A motion primitive, and how well it repeats itself."""
 
-    Attributes:
-        set_points_rad_s: of the motors.
-        mean: speeds ahead and to the left in m/s, yaw rate in rad/s.
-        spread: standard deviations of these between drives of REPEATS_S.
-        airborne_share: largest share of time without a foot on the floor.
-        difference: change of the set points that turns the robot counter-clockwise and changes
-            nothing else, its largest part 1.
-        yaw_gain: yaw rate that 1 rad/s of it gives.
-    """
-
-    set_points_rad_s: tuple[float, ...]
-    mean: tuple[float, float, float]
-    spread: tuple[float, float, float]
-    airborne_share: float
+    set_points_rad_s: tuple[float, ...]  # of the motors
+    mean: tuple[float, float, float]  # speeds ahead and to the left in m/s, yaw rate in rad/s
+    spread: tuple[float, float, float]  # standard deviations of these between drives of REPEATS_S
+    airborne_share: float  # largest share of time without a foot on the floor
+    # Change of the set points that turns the robot counter-clockwise and changes nothing else, its
+    # largest part 1
     difference: tuple[float, ...]
-    yaw_gain: float
+    yaw_gain: float  # yaw rate that 1 rad/s of it gives
 
 
 class _Search:

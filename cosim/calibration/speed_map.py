@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
-from cosim.base.storage import replacing
+from cosim.base.storage import write_arrays
 from cosim.model.config import CoSimConfig
 
 # Signs of (ω_D, ω_E), Eq. (3).
@@ -162,8 +162,7 @@ class Calibration:
 
     def save(self, path: Path) -> None:
         """Write the trials (npz); the file appears whole or not at all."""
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, **asdict(self))
+        write_arrays(path, asdict(self))
 
 
 def _hop_free(curve: Curve, share: float) -> float:

@@ -165,8 +165,7 @@ def corners(config: CoSimConfig, origins_m: np.ndarray, rng: np.random.Generator
 def mean_motion(poses: np.ndarray, period_s: float) -> np.ndarray:
     """Return mean speeds ahead and to the left in m/s and mean yaw rates in rad/s, (N, 3).
 
-    Args:
-        poses: (n + 1, N, 7) positions and quaternions at the ends of n control periods, and before.
+    `poses` are (n + 1, N, 7) positions and quaternions before n control periods and at their ends.
     """
     angles = heading_angles(poses[:, :, QUATERNION])
     moved, middle = np.diff(poses[:, :, :2], axis=0), 0.5 * (angles[1:] + angles[:-1])

@@ -74,7 +74,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
         first = episode * robots
         if state.running[episode]:
             for column in range(first, first + robots):
-                _look(plant, state, column)
+                _locate(plant, state, column)
             if plant.shielded:
                 ground = Ground(
                     state.boards[episode],
@@ -142,7 +142,7 @@ def _motor_input(plant: Plant, omega: float) -> float:
 
 
 @inlined
-def _look(plant: Plant, state: State, column: int) -> None:
+def _locate(plant: Plant, state: State, column: int) -> None:
     """Find out where a robot is, as far as it can be known."""
     body, camera, sight = state.bodies[:, column], state.cameras[column], state.sight[:, column]
     pose = (body[X], body[Y], heading(orientation_of(body), plant.portable))

@@ -35,7 +35,7 @@ from cosim.fmi.calls import FMI_ERROR, FMI_FATAL, Addresses
 from cosim.fmi.fmu import Fmu, FmuError
 from cosim.model.config import GIVEN, UNKNOWN, CoSimConfig, proportional
 from cosim.model.params import TABLE_II, MotorParams, lift_off_speed
-from fmus.build import built_in
+from fmus.build import built_in_model
 from fmus.description import read_description, variables_of
 
 INPUTS = ("omega_des", "omega_noise", "d")
@@ -319,23 +319,23 @@ class Motor:
 
     def set(self, references: Any, values: Any, time_s: float = 0.0) -> None:
         """Set Float64 variables by their value references."""
-        with self._named_errors(time_s, "refuses values"):
+        with self._errors_at(time_s, "refuses values"):
             self.slave.setFloat64(references, values)
 
     def get(self, references: Any, time_s: float = 0.0) -> list[float]:
         """Return the values of Float64 variables by their value references."""
-        with self._named_errors(time_s, "does not return values"):
+        with self._errors_at(time_s, "does not return values"):
             return self.slave.getFloat64(references, self._motors * len(references))
 
     def restart(self, runs: np.ndarray) -> None:
         """Restart motors of arrays where the number of a run, (motors,) int64, has changed."""
-        with self._named_errors(0.0, "refuses to restart motors"):
+        with self._errors_at(0.0, "refuses to restart motors"):
             reference = self.fmu.variables[RESTART].valueReference
             self.slave.setInt64([reference], runs.tolist())
 
     def step(self, time_s: float, step_s: float) -> None:
         """Step from a time over some time."""
-        with self._named_errors(time_s, "failed"):
+        with self._errors_at(time_s, "failed"):
             _, terminate, early_return, _ = self.slave.doStep(time_s, step_s)
         if terminate or early_return:
             raise self.error(time_s, "asked to stop")
@@ -348,7 +348,7 @@ class Motor:
                 "cannot save its state, which copies and saved states of a co-simulation need; "
                 "export it with canGetAndSetFMUState and canSerializeFMUState"
             )
-        with self._named_errors(0.0, "does not save its state"):
+        with self._errors_at(0.0, "does not save its state"):
             state = self.slave.getFMUState()
             try:
                 return self.slave.serializeFMUState(state)
@@ -357,7 +357,7 @@ class Motor:
 
     def set_state(self, saved: bytes) -> None:
         """Restore a state from `get_state`, of this or of another instance of the FMU."""
-        with self._named_errors(0.0, "does not restore its state"):
+        with self._errors_at(0.0, "does not restore its state"):
             state = self.slave.deserializeFMUState(saved)
             try:
                 self.slave.setFMUState(state)
@@ -365,7 +365,7 @@ class Motor:
                 self.slave.freeFMUState(state)
 
     @contextlib.contextmanager
-    def _named_errors(self, time_s: float, what: str) -> Iterator[None]:
+    def _errors_at(self, time_s: float, what: str) -> Iterator[None]:
         try:
             yield
         except FMICallException as error:
@@ -394,7 +394,7 @@ def with_motor(config: CoSimConfig, motor_fmu: Path) -> CoSimConfig:
     first. A parameter that the FMU does not expose is unknown; the body has the configuration's
     value of those in Eq. (3). The built-in FMU has the configuration's values.
     """
-    if built_in(motor_fmu) or config.motor_fmu:
+    if built_in_model(motor_fmu) or config.motor_fmu:
         return config
     motor, name = config.motor._asdict(), f"motor FMU {motor_fmu.name}"
     given = {name: value for name, value in motor.items() if value != getattr(TABLE_II, name)}

@@ -230,7 +230,6 @@ def _motors(tables: list[_Component]) -> tuple[_Component, tuple[Any, str]]:
 
 
 def _feet(tables: list[_Component]) -> tuple[Any, str]:
-    """Return where the feet are."""
     sources = [str(table.pop("source", "")) for table in tables]
     feet = [validate_argument(f"foot[{k}]", table, _Foot) for k, table in enumerate(tables)]
     heights = [foot.place_m[2] if len(foot.place_m) == 3 else 0.0 for foot in feet]

@@ -192,7 +192,6 @@ def _meets(
 
 @inlined
 def _length(line: Line) -> float:
-    """Length of a line in its unit."""
     return math.sqrt((line[1][0] - line[0][0]) ** 2 + (line[1][1] - line[0][1]) ** 2)
 
 

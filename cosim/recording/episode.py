@@ -252,7 +252,6 @@ class EpisodeRecorder:
                 self._file.columns(signal.entity(name), times, scalars(values[:, robot]))
 
     def _write_swarm(self, steps: list[Step]) -> None:
-        """Write the poses of all robots."""
         every = round(POSES_S / self._config.timing.dt_s)
         times = [
             self._config.timing.dt_s * (s.first_tick // every + 1 + np.arange(len(s.poses))) * every

@@ -46,11 +46,7 @@ from cosim.simulation.measures import Measures
 
 
 class RunningEpisode:
-    """One episode in its columns of a co-simulation's state.
-
-    Attributes:
-        sampled: indices of the robots with kept signals.
-    """
+    """One episode in its columns of a co-simulation's state."""
 
     def __init__(
         self,

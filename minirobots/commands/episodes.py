@@ -202,7 +202,7 @@ class Replay(Command):
     motor_fmu: opt.MotorFmuFile = None
 
     def run(self, progress: Progress) -> Output:
-        from analysis.replay import replay
+        from analysis.compare import replay
 
         found = replay(self.recording, self.policy, self.motor_fmu, progress)
         count, differences = found["signals"], found["differences"]

@@ -373,13 +373,14 @@ class IdentifyRobot(Command):
 
     Drive the robot with the motor speeds that --excite writes and record, with an overhead camera,
     a CSV file with the columns time, x, y, heading, omega_1, omega_2 (s, m, rad, rad/s; motors D
-    and E). The parameters are those of the best fit, each with an interval of 95 %.
+    and E, or those of the --preset in its order). The parameters are those of the best fit, each
+    with an interval of 95 %.
     """
 
     track: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="TRACK.csv")] = None
     """The track."""
     excite: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
-    """Write the motor speeds to drive a robot with: time, omega_1, omega_2."""
+    """Write the motor speeds to drive a robot like the --preset with: time, omega_1, omega_2 …"""
     out: opt.Folder = Path("runs/robot")
     """Output folder: preset.toml, identification.json, report.md, tracks.svg."""
     preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
@@ -398,23 +399,25 @@ class IdentifyRobot(Command):
     def run(self, progress: Progress) -> Output:
         from cosim.base.storage import require_suffix
         from cosim.base.table import show
-        from cosim.machine.identification.result import COLUMNS, identify
+        from cosim.machine.identification.result import COLUMNS, identify, mass_text
         from cosim.machine.identification.track import (
             HOLD_S,
-            SEQUENCE,
+            excitation,
             read_track,
             write_excitation,
         )
 
+        preset = find_preset(self.preset)
         if self.excite is not None:
-            write_excitation(require_suffix(self.excite, ".csv"))
-            duration_s = len(SEQUENCE) * HOLD_S
+            sequence = excitation(preset.config())
+            write_excitation(require_suffix(self.excite, ".csv"), sequence)
+            duration_s = len(sequence) * HOLD_S
             return Output(
                 {"excitation": str(self.excite), "duration_s": duration_s},
                 f"motor speeds for {duration_s:g} s in {self.excite}",
             )
         assert self.track is not None
-        track, preset = read_track(self.track, self.board), find_preset(self.preset)
+        track = read_track(self.track, self.board, preset.config().robot)
         physics = Physics(
             preset=self.preset, motor_fmu=self.motor_fmu, motor_parameters=self.motor_parameters
         )
@@ -423,6 +426,7 @@ class IdentifyRobot(Command):
         return Output(
             report,
             lambda: show(COLUMNS, report.parameters, names=2),
+            f"the mass is that of the preset; {mass_text(report)}",
             *(f"not identifiable from this track: {words}" for words in report.unidentifiable),
             f"results in {out}/: preset.toml, identification.json, report.md, tracks.svg",
         )

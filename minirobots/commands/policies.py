@@ -9,18 +9,18 @@ from typing import Annotated, Any, Self
 
 import tyro
 
-from agent.experiments.variants import Name
+from agent.experiments.variants import ExperimentOptions
 from agent.mdp.config import ProcessConfig
 from agent.moves.worlds import RANGES, WorldRange, checked_ranges
-from agent.study.options import AXES, Axis, Sampling, Work
-from agent.training.settings import COMPARED, LearningConfig, MethodName, read_settings
+from agent.study.options import RobustnessOptions, Sampling, TransferOptions
+from agent.training.settings import LearningConfig, read_settings
 from cosim.base import command as opt
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.errors import UserError, in_shell
 from cosim.base.jobs import PROCESSES, THREADS, Where
 from cosim.base.progress import Progress
 from cosim.model.scenario import Scenario
-from cosim.model.scenario_file import PAPER, ROUGH, find_scenario, read_world
+from cosim.model.scenario_file import find_scenario, read_world
 from cosim.simulation.options import DecisionOptions, Physics, SimulationOptions
 from minirobots.runner import RESUMES, Command, Output
 
@@ -254,19 +254,7 @@ class Study(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison(Work, Command):
-    """Options of a comparison of methods."""
-
-    kept = RESUMES
-
-    quick: bool = False
-    """Short trial: two episodes in every row, instead of 50, 200 or all starts."""
-    methods: tuple[MethodName, ...] = COMPARED
-    """Methods to measure; see `minirobots run --help`."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Transfer(Comparison):
+class Transfer(TransferOptions, Command):
     """Measure how policies trained by different methods succeed in the full co-simulation.
 
     Rows are scenarios 1a to 4, methods, friction coefficients, and the shield off and on; the most
@@ -275,30 +263,18 @@ class Transfer(Comparison):
     and calibrations that are missing are made first.
     """
 
-    out: opt.Folder = Path("runs/transfer")
-    """Folder of the table (transfer.json, transfer.md), policies and results."""
-    scenarios: tuple[str, ...] = tuple(PAPER)
-    """Scenarios to measure, built in or files (.toml)."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.scenarios or not self.methods:
-            raise ConfigError("--scenarios and --methods need at least one each")
-        names = [find_scenario(name, ideal=True).name for name in self.scenarios]
-        if len(set(names)) < len(names):
-            raise ConfigError("--scenarios has two of one name; leave one out, or rename it")
+    kept = RESUMES
 
     def run(self, progress: Progress) -> Output:
         from agent.study.studies import transfer
 
-        which = {"scenarios": self.scenarios, "methods": self.methods, "quick": self.quick}
-        report = transfer(self.out, self, **which, progress=progress)
+        report = transfer(self, progress)
         files = f"table in {self.out}/: transfer.json, transfer.md"
         return Output(report, report.show, files)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Robustness(Comparison):
+class Robustness(RobustnessOptions, Command):
     """Measure how policies succeed in worlds that none of them was trained for.
 
     Worlds deviate from the ideal in one thing at a time (friction, patches, motors, camera, delay,
@@ -308,35 +284,12 @@ class Robustness(Comparison):
     are missing are made first.
     """
 
-    out: opt.Folder = Path("runs/robustness")
-    """Folder of the table (robustness.json, .md, .png), policies and results."""
-    episodes: opt.Count | None = None
-    """Episodes of every row, 50 by default."""
-    scenario: str = "4"
-    """Built-in scenario or a scenario file (.toml)."""
-    world: opt.File = ROUGH
-    """World with all deviations (.toml with a table [world]), by default that of
-    docs/methods.md."""
-    axes: tuple[Axis, ...] = AXES
-    """Deviations from the ideal to measure, one at a time, and everything."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.quick and self.episodes is not None:
-            raise ConfigError("--episodes contradicts --quick; leave out one of them")
-        if not self.axes or not self.methods:
-            raise ConfigError("--axes and --methods need at least one each")
-        for method in self.methods:
-            require_one_of("--methods", method, COMPARED)
-        find_scenario(self.scenario, ideal=True)
+    kept = RESUMES
 
     def run(self, progress: Progress) -> Output:
         from agent.study.studies import robustness
 
-        names = ("scenario", "axes", "methods", "episodes", "quick")
-        which = {name: getattr(self, name) for name in names}
-        world = read_world(self.world)
-        report = robustness(self.out, self, world, **which, progress=progress)
+        report = robustness(self, read_world(self.world), progress)
         files = f"table in {self.out}/: robustness.json, robustness.md, robustness.png"
         return Output(report, report.show, files)
 
@@ -442,7 +395,7 @@ class ObserveMoves(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Experiments(Command):
+class Experiments(ExperimentOptions, Command):
     """Run a learning experiment of the paper over many seeds and evaluate every run.
 
     fig08: one robot, scenarios 1a and 1b. fig10: the coefficient c. fig11: pairs, scenarios 2, 3
@@ -456,18 +409,6 @@ class Experiments(Command):
 
     kept = RESUMES
 
-    experiment: Annotated[Name, tyro.conf.Positional]
-    """Experiment to run."""
-    out: opt.NewFolder = None
-    runs: opt.Count = 20
-    """Independent runs of each variant (the paper: 20)."""
-    seed: opt.Seed = 0
-    episodes: opt.Count = LearningConfig().episodes
-    """Training episodes of a run (Section V: 5 000 000)."""
-    greedy_points: opt.Count = LearningConfig().greedy_points
-    """Exact evaluations of the greedy policy during a run, evenly spread."""
-    where: Where = PROCESSES
-
     def subject(self) -> str:
         return self.experiment
 
@@ -475,6 +416,5 @@ class Experiments(Command):
         from agent.experiments.results import show
         from agent.experiments.run import run_experiment
 
-        arguments = vars(self).copy()
-        result = run_experiment(arguments.pop("experiment"), **arguments, progress=progress)
+        result = run_experiment(self, progress)
         return Output(result, partial(show, result))

@@ -25,7 +25,7 @@ from agent.training.settings import LearningConfig, read_settings
 from analysis.timings import read_timings
 from cosim.base.errors import UserError, run_command
 from cosim.fmi.motor import Motor, MotorFmu
-from cosim.machine.identification.track import COLUMNS, read_track
+from cosim.machine.identification.track import read_track, units
 from cosim.model.config import CoSimConfig
 from cosim.model.params import MotorParams
 from cosim.model.preset import FIELDS, find_preset
@@ -239,7 +239,7 @@ CELLS_OF_TRACKS = st.one_of(st.floats(width=32).map(str), st.text(max_size=4), s
 def test_tracks(tmp_path, rows, frames, step, more):
     path = tmp_path / "track.csv"
     moving = [f"{step * k},0.1,0.1,0,700,700" for k in range(frames)]
-    text = "\n".join([",".join(COLUMNS), *moving, *map(",".join, rows)])
+    text = "\n".join([",".join(units(2)), *moving, *map(",".join, rows)])
     path.write_bytes(text.encode("utf-8", "replace") + more)
     one_sentence(lambda: read_track(path, (0.3, 0.3)))
 

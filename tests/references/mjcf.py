@@ -1,14 +1,25 @@
 """Write the robots as a MuJoCo model, to compare the contact physics with another engine.
 
-Only the mechanics: a rigid body on three feet, a floor with Coulomb friction, and six actuators
-per robot that apply a wrench in the body frame at the centre of mass. MuJoCo itself is not needed
-to write the text. Its contacts are soft: the settings below keep them stiff and still resolved.
+Only the mechanics: a rigid body on its feet, a floor with Coulomb friction, and six actuators per
+robot that apply a wrench in the body frame, on its axis at the height of the centre of mass. MuJoCo
+itself is not needed to write the text. Its contacts are soft: the settings below keep them stiff
+and still resolved.
 """
 
+import importlib
 from collections.abc import Sequence
+from typing import Any
 
+import numpy as np
+
+from cosim.base.jit import kernel
+from cosim.machine.identification.simulated import Machine, turned
 from cosim.model.params import MotorParams, RobotParams, cylinder_inertia
-from cosim.physics.contact import foot_positions
+from cosim.physics.contact import feet_of, foot_positions
+from cosim.physics.forces import MotorMount, motor_mounts, motor_wrenches
+from cosim.physics.lanes import width_of
+from cosim.physics.properties import BodyParams, body_params
+from cosim.physics.rotation import headings
 
 # A foot is a ball so small that its rolling does not count (0.1 mm; feet stand 23 mm apart).
 FOOT_BALL_M = 1e-4
@@ -19,6 +30,7 @@ IMPEDANCE = 0.9999
 CONTACT_STEPS = 10.0
 # Ratio of friction to normal stiffness: holds sticking feet as tightly as rigid friction does.
 FRICTION_TO_NORMAL = 100.0
+_ONE = width_of(1)
 
 
 def robots_mjcf(
@@ -30,18 +42,20 @@ def robots_mjcf(
     """
     contact = (
         f'solref="{CONTACT_STEPS * dt_s!r} 1" solimp="{IMPEDANCE} {IMPEDANCE} 1e-6" condim="3" '
-        f'friction="{robot.mu!r} 0 0" priority="1"'
+        f'priority="1"'
     )
     inertia = " ".join(repr(moment) for moment in cylinder_inertia(robot))
     feet = "\n".join(
         f'      <geom type="sphere" size="{FOOT_BALL_M!r}" '
-        f'pos="{x!r} {y!r} {z + FOOT_BALL_M!r}" contype="0" conaffinity="1" {contact}/>'
-        for x, y, z in foot_positions(robot).tolist()
+        f'pos="{x!r} {y!r} {z + FOOT_BALL_M!r}" contype="0" conaffinity="1" {contact} '
+        f'friction="{robot.mu if foot.mu is None else foot.mu!r} 0 0"/>'
+        for foot, (x, y, z) in zip(feet_of(robot), foot_positions(robot).tolist(), strict=True)
     )
     bodies = "\n".join(
         f'    <body name="robot_{i}" pos="{x!r} {y!r} {robot.com_height_m!r}">\n'
         f"      <freejoint/>\n"
-        f'      <inertial pos="0 0 0" mass="{robot.mass_kg!r}" diaginertia="{inertia}"/>\n'
+        f'      <inertial pos="{robot.com_x_m!r} {robot.com_y_m!r} 0" mass="{robot.mass_kg!r}" '
+        f'diaginertia="{inertia}"/>\n'
         f'      <site name="centre_{i}"/>\n'
         f"{feet}\n"
         f"    </body>"
@@ -64,3 +78,51 @@ def robots_mjcf(
   </actuator>
 </mujoco>
 """
+
+
+def mujoco_track(
+    machine: Machine, omega: np.ndarray, ticks: int, dt_s: float, every: int
+) -> np.ndarray:
+    """Track (P // every + 1, 3) of a machine in MuJoCo; arguments as of `tracks`, of one robot."""
+    mujoco: Any = importlib.import_module("mujoco")  # without type information
+    rollout: Any = importlib.import_module("mujoco.rollout")
+    robot, motors = machine
+    model = mujoco.MjModel.from_xml_string(robots_mjcf(robot, motors[0], [(0.0, 0.0)], dt_s))
+    data, kind = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.empty(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, data, state, kind)
+    mounts, body = motor_mounts(robot, motors), body_params(robot, motors[0], dt_s)
+    order, speeds = tuple(range(len(motors))), omega[:, :, None]
+    turning = np.concatenate([np.zeros_like(speeds[0]), speeds[0]])
+    poses, wrenches = [state[1:8]], np.empty((every * ticks, 6))
+    for first in range(0, len(omega) - every, every):
+        _fill(mounts, body, order, speeds[first : first + every + 1], turning, wrenches)
+        states, _ = rollout.rollout(model, data, state[None], wrenches[None])
+        state = np.asarray(states)[0, -1]
+        # Full physics state: time, position, quaternion, velocities.
+        poses.append(state[1:8])
+    found = np.array(poses)
+    return np.column_stack([found[:, :2], np.unwrap(headings(found[:, 3:]))])
+
+
+@kernel
+def _fill(
+    mounts: tuple[MotorMount, ...],
+    body: BodyParams,
+    order: tuple[int, ...],
+    omega: np.ndarray,
+    turning: np.ndarray,
+    wrenches: np.ndarray,
+) -> None:
+    """Write force and moment of every tick of some periods, (ticks, 6)."""
+    count, periods = len(mounts), omega.shape[0] - 1
+    ticks = len(wrenches) // periods
+    for k in range(len(wrenches)):
+        start, end = omega[k // ticks], omega[k // ticks + 1]
+        outputs = turned(turning, start, end, order, 0, _ONE, ticks, body)
+        force, moment = motor_wrenches((), mounts, outputs)
+        for axis in range(3):
+            wrenches[k, axis], wrenches[k, 3 + axis] = force[axis], moment[axis]
+        if (k + 1) % ticks == 0:
+            for motor in range(count):
+                turning[count + motor, 0] = end[motor, 0]

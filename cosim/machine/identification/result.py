@@ -11,16 +11,9 @@ from cosim.base.plotting import BLUE, GREEN, VERMILION, styled
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import replacing, write_json, write_whole
 from cosim.base.table import Column, field, format_value, markdown
-from cosim.fmi.motor import MotorFmu, with_motor
+from cosim.fmi.motor import with_motor
 from cosim.machine.identification.fit import QUANTILE, UNKNOWN, Fit, fit, rises, unidentifiable
-from cosim.machine.identification.simulated import (
-    NAMES,
-    PARAMETERS,
-    SPREADS,
-    Simulated,
-    machine,
-    motor_speeds,
-)
+from cosim.machine.identification.simulated import UNITS, Simulated, machine, simulated_drive
 from cosim.machine.identification.track import SeenTrack
 from cosim.model.config import UNKNOWN as UNKNOWN_SOURCE
 from cosim.model.config import CoSimConfig
@@ -55,6 +48,9 @@ class Identification(msgspec.Struct, frozen=True, kw_only=True):
     frames: int
     duration_s: float
     parameters: tuple[Estimate, ...]
+    # The mass and its interval of 95 % if the motors' mean unbalance is the usual one: all else is
+    # with the mass of the preset, and tracks tell only the ratio of the two
+    mass_kg: tuple[float, float, float]
     unidentifiable: tuple[str, ...]  # what the track says nothing of, as text
     # Of the camera, and how the robot strays from any simulation, by largest likelihood
     noise: dict[str, float]
@@ -62,12 +58,12 @@ class Identification(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def _value(estimate: Estimate) -> str:
-    parameter = PARAMETERS[NAMES.index(estimate.name)]
-    return f"{parameter.scale * estimate.value:.3f} {parameter.unit}".rstrip()
+    scale, unit = UNITS.get(estimate.name, (1.0, ""))
+    return f"{scale * estimate.value:.3f} {unit}".rstrip()
 
 
 def _interval(estimate: Estimate) -> str:
-    scale = PARAMETERS[NAMES.index(estimate.name)].scale
+    scale, _ = UNITS.get(estimate.name, (1.0, ""))
     if not estimate.identifiable:
         return "not identifiable"
     return f"{scale * estimate.low:.3f} to {scale * estimate.high:.3f}"
@@ -95,15 +91,8 @@ def identify(
 
     `preset` is what is not identified, and the usual values of what is.
     """
-    config.robot.require_pair("identification")
-    config = with_motor(config, fmu)
-    set_points = track.set_points(config.timing.control_period_s)
     progress("turning the motors", 0, None)
-    speeds, smooth = (
-        motor_speeds(set_points, MotorFmu(fmu), config, seed)
-        for seed in (np.random.SeedSequence(0), None)
-    )
-    drive = Simulated(speeds, smooth, track.times, config)
+    drive = simulated_drive(track, with_motor(config, fmu), fmu)
     progress("turning the motors", 1, 1)
     found = fit(track, drive, progress)
     half, ends = QUANTILE * found.deviations, rises(track, drive, found)
@@ -119,33 +108,41 @@ def identify(
                 value=float(found.values[k]),
                 low=float(found.values[k] - half[k]),
                 high=float(found.values[k] + half[k]),
-                identifiable=bool(found.deviations[k] < UNKNOWN * SPREADS[k]),
+                identifiable=bool(found.deviations[k] < UNKNOWN * parameter.spread),
                 rises=tuple(None if math.isnan(rise) else rise for rise in ends[k].tolist()),
             )
-            for k, parameter in enumerate(PARAMETERS)
+            for k, parameter in enumerate(drive.parameters)
         ),
-        unidentifiable=tuple(unidentifiable(found)),
+        mass_kg=_mass_kg(drive, found),
+        unidentifiable=tuple(unidentifiable(found, drive.parameters)),
         noise=found.noise._asdict(),
         evaluations=found.evaluations,
     )
     write_json(out / "identification.json", report)
-    _preset(track, name, preset, config, found).save(out / PRESET_FILE)
+    _preset(track, name, preset, drive, found).save(out / PRESET_FILE)
     with replacing(out / DRAWING_FILE) as temporary:
         _draw(track, found).savefig(temporary, format="svg", metadata={"Date": None})
     write_whole(out / "report.md", _text(report))
     return report
 
 
-def _preset(track: SeenTrack, name: str, preset: Preset, config: CoSimConfig, found: Fit) -> Preset:
-    """The machine, with the mean of both motors, and their difference as the motors' spread."""
-    robot, motor_d, motor_e = machine(found.values, config.robot, config.motor)
-    mean = 0.5 * (motor_d.r + motor_e.r)
-    # standard deviation of the two
-    spread = min(abs(motor_d.r - motor_e.r) / (2.0**0.5 * mean), MOST_SPREAD)
+def _mass_kg(drive: Simulated, found: Fit) -> tuple[float, float, float]:
+    """Return the mass, and its interval, with which the mean of the motors' factors is 1."""
+    motors = [k for k, p in enumerate(drive.parameters) if p.name.startswith("motor_")]
+    half = QUANTILE * math.sqrt(found.covariance[np.ix_(motors, motors)].sum()) / len(motors)
+    means = found.values[motors].mean() + np.array([0.0, half, -half])
+    value, low, high = drive.config.robot.mass_kg / np.clip(means, *drive.limits[:, motors[0]])
+    return float(value), float(low), float(high)
+
+
+def _preset(track: SeenTrack, name: str, preset: Preset, drive: Simulated, found: Fit) -> Preset:
+    """The machine; motors of Fig. 4b by their mean, and their difference as the motors' spread."""
+    config = drive.config
+    robot, motors = machine(found.values, config.robot, config.motor)
     where = f"identified from {name}"
     intervals = {
         p.name: f"{where}: 95 % within ± {QUANTILE * deviation * p.scale:.2g} {p.unit}".rstrip()
-        for p, deviation in zip(PARAMETERS, found.deviations, strict=True)
+        for p, deviation in zip(drive.parameters, found.deviations, strict=True)
     }
     tree = {n: leaf for n, leaf in preset.tree.items() if not n.startswith("sensor_")}
     tree |= {
@@ -154,12 +151,28 @@ def _preset(track: SeenTrack, name: str, preset: Preset, config: CoSimConfig, fo
         if n in config.motor._fields and not text.startswith(UNKNOWN_SOURCE)
     }
     tree |= {n: (getattr(robot, n), t) for n, t in intervals.items() if n in robot._fields}
+    if robot.feet:
+        tree["feet"] = (robot.feet, tree["feet"][1])
+    if robot.motors:
+        own = [
+            mount._replace(own=tuple({**dict(mount.own), "r": motor.r}.items()))
+            for mount, motor in zip(robot.motors, motors, strict=True)
+        ]
+        tree["motors"] = (tuple(own), f"{tree['motors'][1]}; unbalance over m {where}")
+    else:
+        motor_d, motor_e = motors
+        mean = 0.5 * (motor_d.r + motor_e.r)
+        # standard deviation of the two
+        spread = min(abs(motor_d.r - motor_e.r) / (2.0**0.5 * mean), MOST_SPREAD)
+        difference = f"{where}: from the difference of the two motors"
+        tree |= {
+            "r": (mean, f"{where}: mean of both motors' unbalance, over m"),
+            "motor_spread": (round(spread, 4), difference),
+        }
     rate_hz = round(float(1.0 / np.median(np.diff(track.times))), 3)
     delay_ms = round(1e3 * float(found.values[-1]), 2)
     heading_deg = round(float(np.rad2deg(found.noise.heading_rad)), 4)
     tree |= {
-        "r": (mean, f"{where}: mean of both motors' unbalance, over m"),
-        "motor_spread": (round(spread, 4), f"{where}: from the difference of the two motors"),
         "sensor_rate_hz": (rate_hz, where),
         "sensor_delay_ms": (delay_ms, intervals["camera_delay_s"]),
         "sensor_position_noise_mm": (round(1e3 * found.noise.position_m, 4), where),
@@ -167,6 +180,14 @@ def _preset(track: SeenTrack, name: str, preset: Preset, config: CoSimConfig, fo
     }
     source = f"Identified from {name}; all else is of the preset {preset.name}."
     return Preset(Path(PRESET_FILE).stem, source, tree)
+
+
+def mass_text(report: Identification) -> str:
+    """Return the mass as a sentence."""
+    value, low, high = (format_value(1e3 * mass_kg, "{:.4g}") for mass_kg in report.mass_kg)
+    return (
+        f"if the mean unbalance is the usual one instead, the mass is {value} g ({low} to {high})"
+    )
 
 
 def _text(report: Identification) -> str:
@@ -183,6 +204,8 @@ robot as it was identified is in [{PRESET_FILE}]({PRESET_FILE}), for `--preset`.
 The rise is that of the sum of squares at the ends of the interval, by simulation. Were the model
 linear, it would be {QUANTILE**2:.2f}; where it is much larger the true interval is narrower, where
 it is much smaller the true interval is wider.
+
+The mass is that of the preset; {mass_text(report)}.
 
 ## What the track cannot tell
 

@@ -1,21 +1,32 @@
 """Identified parameters, and simulations of a drive with many sets of them at once.
 
 The equations of motion are those of `cosim.physics`; every robot has a lane of a vector, and in it
-a mass, feet and motors of its own.
+a mass, feet and motors of its own. Only their numbers, and the places of motors, are common.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.jit import inlined, kernel
+from cosim.base.jit import inlined, kernel, unrolled
 from cosim.coupling.assembly import Motors, SpeedNoise
 from cosim.fmi.motor import MotorFmu
+from cosim.machine.identification.track import SeenTrack
 from cosim.model.config import CoSimConfig
-from cosim.model.params import TABLE_I, TABLE_II, MotorParams, RobotParams
+from cosim.model.params import (
+    TABLE_I,
+    TABLE_II,
+    MotorParams,
+    RobotParams,
+    motor_names,
+    motors_of,
+    mounts_of,
+    open_loop_voltage,
+)
 from cosim.physics.body import stepped
 from cosim.physics.body_state import (
     X,
@@ -26,8 +37,9 @@ from cosim.physics.body_state import (
     state_size,
     write_body,
 )
+from cosim.physics.contact import Pairing, paired
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrenches
-from cosim.physics.lanes import Width, host_lanes, load, width_of
+from cosim.physics.lanes import Width, host_lanes, load, store, width_of
 from cosim.physics.properties import (
     CENTRE,
     BodyParams,
@@ -37,13 +49,10 @@ from cosim.physics.properties import (
     read_mounts,
     read_params,
 )
-from cosim.physics.rotation import heading, rotation_matrix
+from cosim.physics.rotation import Vector, heading, rotation_matrix
 
 LOOKS_S = 0.005  # between simulated poses, which are interpolated
 REPEATS, WINDOW_S = 8, 5.0  # of simulations with other noise, and over which they drift apart
-# Rows of the shapes, in m: feet A (x, y, z) and B (x), motor D (y, z); the others are mirrored.
-_A, _B, _D = 0, 3, 4
-_SHAPE = 6
 
 
 class RobotParameter(NamedTuple):
@@ -63,7 +72,8 @@ class RobotParameter(NamedTuple):
     high: float
 
 
-PARAMETERS = (
+# Of the body and of the camera, which follows those of the motors; lengths are for TABLE_I.
+_PARAMETERS = (
     RobotParameter("mu", "friction of the feet", "", 1.0, 0.15, 0.004, 0.02, 1.0),
     RobotParameter(
         "com_height_m", "height of the centre of mass", "mm", 1e3, 0.01, 4e-4, 0.004, 0.04
@@ -73,31 +83,36 @@ PARAMETERS = (
     ),
     RobotParameter("com_y_m", "centre of mass to the left", "mm", 1e3, 0.003, 2e-4, -0.006, 0.006),
     RobotParameter("foot_radius_m", "circle of the feet", "mm", 1e3, 0.003, 3e-4, 0.005, 0.1),
-    RobotParameter(
-        "motor_d", "unbalance of motor 1 (D) over its usual one", "", 1.0, 0.3, 0.01, 0.4, 2
-    ),
-    RobotParameter(
-        "motor_e", "unbalance of motor 2 (E) over its usual one", "", 1.0, 0.3, 0.01, 0.4, 2
-    ),
     RobotParameter("camera_delay_s", "delay of the camera", "ms", 1e3, 0.1, 0.03, 0.0, 1.0),
 )
-NAMES = tuple(parameter.name for parameter in PARAMETERS)
-SPREADS, STEPS, _LOW, _HIGH = np.array([p[4:] for p in PARAMETERS], dtype=float).T
-_FACTORS = slice(NAMES.index("motor_d"), NAMES.index("camera_delay_s"))
-DELAY = NAMES.index("camera_delay_s")
+USUAL_DELAY_S = 0.03
+UNITS = {p.name: (p.scale, p.unit) for p in _PARAMETERS}  # for people
+
+
+def parameters_of(robot: RobotParams) -> tuple[RobotParameter, ...]:
+    """Return what is identified of a machine; no circle of the feet where a file places them."""
+    *body, camera = _PARAMETERS
+    size = robot.diameter_m / TABLE_I.diameter_m if robot.own_layout else 1.0
+    body = [RobotParameter(*p[:4], *(size * v for v in p[4:])) if p.unit else p for p in body]
+    body = [p for p in body if not (robot.feet and p.name == "foot_radius_m")]
+    for k, name in enumerate(motor_names(robot.motors_count), start=1):
+        what = f"unbalance of motor {k} ({name}) over its usual one"
+        body.append(RobotParameter(f"motor_{name.lower()}", what, "", 1.0, 0.3, 0.01, 0.4, 2))
+    return (*body, camera)
 
 
 class Machine(NamedTuple):
-    """A robot and its motors D and E."""
+    """A robot and its motors."""
 
     robot: RobotParams
-    motor_d: MotorParams = TABLE_II
-    motor_e: MotorParams = TABLE_II
+    motors: tuple[MotorParams, ...] = (TABLE_II, TABLE_II)
 
 
 def usual_values(robot: RobotParams = TABLE_I) -> np.ndarray:
-    """Values before anything is measured, shape (8,), SI units; a camera's delay is 30 ms."""
-    return np.array([*(getattr(robot, name) for name in NAMES[: _FACTORS.start]), 1.0, 1.0, 0.03])
+    """Values of all parameters before anything is measured, SI units; a camera's delay is 30 ms."""
+    names = [p.name for p in parameters_of(robot)]
+    body = [getattr(robot, name) for name in names if name in robot._fields]
+    return np.array([*body, *[1.0] * robot.motors_count, USUAL_DELAY_S])
 
 
 def machine(
@@ -105,12 +120,21 @@ def machine(
     robot: RobotParams = TABLE_I,
     motor: MotorParams = TABLE_II,
 ) -> Machine:
-    """The machine that has some values, SI units; all else is as of a robot and a motor."""
-    numbers = [float(value) for value in values]
-    fields = dict(zip(NAMES[: _FACTORS.start], numbers, strict=False))
-    d, e = numbers[_FACTORS]
+    """The machine that has some values, SI units; all else is as of a robot and a motor.
+
+    A foot with a friction of its own keeps the ratio to the friction of the others.
+    """
+    found = dict(zip((p.name for p in parameters_of(robot)), map(float, values), strict=True))
+    factors = [value for name, value in found.items() if name.startswith("motor_")]
+    fields = {name: value for name, value in found.items() if name in robot._fields}
+    feet = tuple(
+        foot if foot.mu is None else foot._replace(mu=foot.mu * found["mu"] / (robot.mu or 1.0))
+        for foot in robot.feet
+    )
+    motors = zip(factors, motors_of(robot, motor), strict=True)
     return Machine(
-        robot._replace(**fields), motor._replace(r=d * motor.r), motor._replace(r=e * motor.r)
+        robot._replace(**fields, feet=feet),
+        tuple(own._replace(r=factor * own.r) for factor, own in motors),
     )
 
 
@@ -122,25 +146,36 @@ class Simulated:
     begin to move would seem to stand on a more slippery floor.
     """
 
-    speeds: np.ndarray  # (P + 1, 2) of the motors in rad/s, with noise
-    smooth: np.ndarray  # (P + 1, 2) the same without
+    speeds: np.ndarray  # (P + 1, M) of the motors in rad/s, with noise
+    smooth: np.ndarray  # (P + 1, M) the same without
     times: np.ndarray  # (n,) of the frames in s
     config: CoSimConfig  # clock, and what of robot and motors is not identified
 
     @cached_property
+    def parameters(self) -> tuple[RobotParameter, ...]:
+        """What is identified, K parameters."""
+        return parameters_of(self.config.robot)
+
+    @cached_property
     def usual(self) -> np.ndarray:
-        """Values before anything is measured, (8,) in SI units."""
+        """Values before anything is measured, (K,) in SI units."""
         return usual_values(self.config.robot)
 
     @cached_property
+    def spreads(self) -> np.ndarray:
+        """Standard deviations around them before anything is measured, (K,) in SI units."""
+        return np.array([p.spread for p in self.parameters])
+
+    @cached_property
     def limits(self) -> np.ndarray:
-        """Least and largest values, (2, 8) in SI units."""
-        limits = np.array([_LOW, _HIGH])
-        limits[1, NAMES.index("foot_radius_m")] = 0.499 * self.config.robot.diameter_m
-        return limits
+        """Least and largest values, (2, K) in SI units; a machine's own value is within them."""
+        widest = 0.499 * self.config.robot.diameter_m
+        high = [widest if p.name == "foot_radius_m" else p.high for p in self.parameters]
+        low = [p.low for p in self.parameters]
+        return np.array([np.minimum(low, self.usual), np.maximum(high, self.usual)], dtype=float)
 
     def frames(self, values: np.ndarray) -> np.ndarray:
-        """(n, C, 3) m, m and rad seen from the origin, heading along +x, by parameters (C, 8)."""
+        """(n, C, 3) m, m and rad seen from the origin, heading along +x, by parameters (C, K)."""
         machines = [self._machine(row) for row in values]
         distinct = list(dict.fromkeys(machines))  # another delay asks for no simulation of its own
         seen = self._tracks(distinct, self.speeds)
@@ -148,7 +183,7 @@ class Simulated:
         found = np.empty((len(self.times), len(values), 3))
         for column, (own, row) in enumerate(zip(machines, values, strict=True)):
             for k, signal in enumerate(seen[:, distinct.index(own)].T):
-                found[:, column, k] = np.interp(self.times - row[DELAY], looks, signal)
+                found[:, column, k] = np.interp(self.times - row[-1], looks, signal)
         return found
 
     def drifts(self, values: np.ndarray) -> np.ndarray:
@@ -180,29 +215,42 @@ class Simulated:
         return tracks(machines, speeds, config.ticks_per_period, config.timing.dt_s, every)
 
 
+def simulated_drive(track: SeenTrack, config: CoSimConfig, fmu: Path) -> Simulated:
+    """Return simulations of what a track was driven with."""
+    set_points = track.set_points(config.timing.control_period_s)
+    speeds, smooth = (
+        motor_speeds(set_points, MotorFmu(fmu), config, seed)
+        for seed in (np.random.SeedSequence(0), None)
+    )
+    return Simulated(speeds, smooth, track.times, config)
+
+
 def motor_speeds(
     set_points: np.ndarray, fmu: MotorFmu, config: CoSimConfig, seed: np.random.SeedSequence | None
 ) -> np.ndarray:
-    """Speeds (P + 1, 2) of motors D and E in rad/s from their start to the ends of control periods.
+    """Speeds (P + 1, M) of motors in rad/s from their start to the ends of control periods.
 
     Args:
-        set_points: (P, 2) in rad/s, of every control period.
+        set_points: (P, M) in rad/s, of every control period.
     """
     ticks, dt_s = config.ticks_per_period, config.timing.dt_s
-    noise = np.zeros((len(set_points), 1, 2))
+    count = config.robot.motors_count
+    noise = np.zeros((len(set_points), 1, count))
     if seed is not None:
         noise = SpeedNoise(config, seed, 1).draw(len(set_points))
-    speeds = np.zeros((len(set_points) + 1, 2))
-    inputs, outputs = np.zeros((6, 1)), np.zeros((6, 1))
+    own = open_loop_voltage(config.motor) if config.voltage_driven else (1.0, 0.0)
+    wanted = own[0] * set_points + own[1] * np.sign(set_points)
+    speeds = np.zeros((len(set_points) + 1, count))
+    inputs, outputs = np.zeros((3 * count, 1)), np.zeros((3 * count, 1))
     motors = Motors(fmu, config, 1)
-    speeds[0] = motors.restart([0], ((config.motor, config.motor),))[2:, 0]
+    speeds[0] = motors.restart([0], (motors_of(config.robot, config.motor),))[count:, 0]
     try:
-        for period, wanted in enumerate(set_points):
-            inputs[:4, 0] = *wanted, *(noise[period, 0] * abs(wanted))
+        for period, set_point in enumerate(set_points):
+            inputs[: 2 * count, 0] = *wanted[period], *(noise[period, 0] * abs(set_point))
             motors.set_inputs(inputs, dt_s)
             motors.step(ticks, dt_s)
             motors.get_outputs(outputs, dt_s)
-            speeds[period + 1] = outputs[2:4, 0]
+            speeds[period + 1] = outputs[count : 2 * count, 0]
     finally:
         motors.close()
     return speeds
@@ -216,9 +264,9 @@ def tracks(
     Motors turn as prescribed, so that no FMU is stepped: they do not feel the bodies.
 
     Args:
-        machines: B of them, each in a lane of a vector.
-        omega: (P + 1, 2) or (P + 1, 2, B) speeds of motors D and E at the ends of control periods
-            in rad/s, linear in between; motors start hanging down.
+        machines: B of them, each in a lane of a vector, with motors at the same places.
+        omega: (P + 1, M) or (P + 1, M, B) speeds of motors at the ends of control periods in rad/s,
+            linear in between; motors start hanging down.
         every: control periods from one look to the next.
 
     Returns:
@@ -227,25 +275,33 @@ def tracks(
     lanes = host_lanes()
     columns = -(-len(machines) // lanes) * lanes
     padded = [*machines, *[machines[0]] * (columns - len(machines))]
-    own = np.zeros((len(omega), 2, columns))
+    robot, motors = machines[0]
+    feet, count = robot.feet_count, robot.motors_count
+    own = np.zeros((len(omega), count, columns))
     own[:, :, : len(machines)] = omega.reshape(*omega.shape[:2], -1)
     own[:, :, len(machines) :] = own[:, :, :1]
     bodies, properties = (
-        np.zeros((state_size(3), columns)),
-        np.zeros((properties_size(3, 2), columns)),
+        np.zeros((state_size(feet), columns)),
+        np.zeros((properties_size(feet, count), columns)),
     )
-    shapes = np.zeros((_SHAPE, columns))
-    for column, (robot, motor_d, motor_e) in enumerate(padded):
-        mounts = motor_mounts(robot, (motor_d, motor_e))
-        params = body_params(robot, motor_d, dt_s)
-        properties[:, column] = properties_of(params, mounts)
-        a, _, b = params.contact.feet
-        shapes[:, column] = *a, params.contact.z, b[0], mounts[0].y, mounts[0].z
-        bodies[:, column] = standing_state(robot, *params.centre, 0.0)
+    shapes = np.zeros((1 + 2 * feet, columns))
+    for column, other in enumerate(padded):
+        params = body_params(other.robot, other.motors[0], dt_s)
+        properties[:, column] = properties_of(params, motor_mounts(*other))
+        shapes[:, column] = params.contact.z, *np.ravel(params.contact.feet)
+        bodies[:, column] = standing_state(other.robot, *params.centre, 0.0)
     seen = np.zeros((1 + (len(omega) - 1) // every, columns, 3))
-    common = body_params(machines[0].robot, machines[0].motor_d, dt_s)
-    mount = motor_mounts(machines[0].robot, machines[0][1:])[0]
-    _drive(bodies, properties, shapes, common, mount, own, ticks, seen, every, width_of(lanes))
+    common, pairing = (
+        body_params(robot, motors[0], dt_s),
+        paired([mount.place_m[:2] for mount in mounts_of(robot)]),
+    )
+    mounts = motor_mounts(robot._replace(com_height_m=0.0), motors)
+    mounts = tuple(mounts[k] for k in pairing.order)
+    turning = np.concatenate([np.zeros((count, columns)), own[0]])
+    _drive(
+        bodies, properties, shapes, common, pairing, mounts, own, turning, ticks, seen, every,
+        width_of(lanes),
+    )  # fmt: skip
     seen = seen[:, : len(machines)]
     seen[..., 2] = np.unwrap(seen[..., 2], axis=0)
     return seen
@@ -257,8 +313,10 @@ def _drive(
     properties: np.ndarray,
     shapes: np.ndarray,
     body: BodyParams,
-    mount: MotorMount,
+    motors: Pairing,
+    mounts: tuple[MotorMount, ...],
     omega: np.ndarray,
+    turning: np.ndarray,
     ticks: int,
     seen: np.ndarray,
     every: int,
@@ -267,40 +325,75 @@ def _drive(
     """Advance all robots; the arguments of `tracks`, as arrays.
 
     Args:
-        shapes: (_SHAPE, B), layout above.
-        omega: (P + 1, 2, B).
+        shapes: (1 + 2 F, B) z of the feet from the height of the centre of mass, and their x and y
+            in the order of their pairing, m.
+        mounts: in the order of their pairing, with z from the floor.
+        omega: (P + 1, M, B).
+        turning: (2 M, B) angles and speeds, overwritten.
         seen: (P // every + 1, B, 3), overwritten from the second row on.
     """
-    dt = body.dt
-    share, order = 1.0 / ticks, body.contact.pairing.order
+    order, count = body.contact.pairing.order, omega.shape[1]
     for first in range(0, bodies.shape[1], len(width)):
-        x, y = load(shapes, _A, first, width), load(shapes, _A + 1, first, width)
-        z, behind = load(shapes, _A + 2, first, width), load(shapes, _B, first, width)
-        feet = ((x, y), (x, -y), (behind, 0.0 * y))
+        z, feet = load(shapes, 0, first, width), _feet(shapes, 1, first, width, order)
         params = read_params(properties, first, width, body, feet, z)
-        y, z = load(shapes, _D, first, width), load(shapes, _D + 1, first, width)
-        at_d = MotorMount(mount.m, mount.r, mount.J, mount.g, y, z, 1.0, ())
-        at_e = MotorMount(mount.m, mount.r, mount.J, mount.g, -y, z, -1.0, ())
-        mounts = read_mounts(properties, (0, 1), first, width, (at_d, at_e))
-        omega_d, omega_e = load(omega[0], 0, first, width), load(omega[0], 1, first, width)
-        theta_d, theta_e = 0.0 * omega_d, 0.0 * omega_e
+        own = read_mounts(properties, motors.order, first, width, _from_centre(mounts, z))
         for period in range(omega.shape[0] - 1):
-            end_d = load(omega[period + 1], 0, first, width)
-            end_e = load(omega[period + 1], 1, first, width)
-            change_d, change_e = share * (end_d - omega_d), share * (end_e - omega_e)
-            dot_d, dot_e = body.inverse_dt * change_d, body.inverse_dt * change_e
+            start, end = omega[period], omega[period + 1]
             for _ in range(ticks):
-                omega_d, omega_e = omega_d + change_d, omega_e + change_e
-                theta_d += dt * (omega_d - 0.5 * change_d)
-                theta_e += dt * (omega_e - 0.5 * change_e)
-                outputs = (theta_d, omega_d, dot_d), (theta_e, omega_e, dot_e)
-                force, moment = motor_wrenches((0,), mounts, outputs)
+                outputs = turned(turning, start, end, motors.order, first, width, ticks, body)
+                force, moment = motor_wrenches(motors.pairs, own, outputs)
                 after = stepped(read_body(bodies, first, width, order), params, force, moment)
                 write_body(bodies, first, width, order, after)
-            omega_d, omega_e = end_d, end_e
-            if (period + 1) % every == 0:
-                for column in range(first, first + len(width)):
+            for column in range(first, first + len(width)):
+                for motor in range(count):
+                    turning[count + motor, column] = end[motor, column]
+                if (period + 1) % every == 0:
                     _look(bodies, properties, column, seen[(period + 1) // every])
+
+
+@unrolled
+def _feet(
+    shapes: np.ndarray, row: int, column: int, width: Width, order: tuple[int, ...]
+) -> tuple[tuple[float, float], ...]:
+    if len(order) == 0:
+        return ()
+    foot = load(shapes, row, column, width), load(shapes, row + 1, column, width)
+    return (foot, *_feet(shapes, row + 2, column, width, order[1:]))
+
+
+@unrolled
+def _from_centre(mounts: tuple[MotorMount, ...], z: float) -> tuple[MotorMount, ...]:
+    """Mounts with z from a centre of mass, below which the floor is at z."""
+    if len(mounts) == 0:
+        return ()
+    m, r, inertia, g, y, height, sin_phi, shaft = mounts[0]
+    mount = MotorMount(m, r, inertia, g, y, height + z, sin_phi, shaft)
+    return (mount, *_from_centre(mounts[1:], z))
+
+
+@unrolled
+def turned(
+    turning: np.ndarray,
+    start: np.ndarray,
+    end: np.ndarray,
+    order: tuple[int, ...],
+    column: int,
+    width: Width,
+    ticks: int,
+    body: BodyParams,
+) -> tuple[Vector, ...]:
+    """Turn motors by one of the ticks between two speeds (M, B); output (θ, ω, ω̇) of each."""
+    if len(order) == 0:
+        return ()
+    row, speed = order[0], order[0] + len(start)
+    change = load(end, row, column, width) - load(start, row, column, width)
+    change = 1.0 / ticks * change
+    omega = load(turning, speed, column, width) + change
+    theta = load(turning, row, column, width) + body.dt * (omega - 0.5 * change)
+    store(turning, row, column, width, theta)
+    store(turning, speed, column, width, omega)
+    output = theta, omega, body.inverse_dt * change
+    return (output, *turned(turning, start, end, order[1:], column, width, ticks, body))
 
 
 @inlined

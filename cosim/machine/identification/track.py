@@ -3,6 +3,7 @@
 import csv
 import math
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +12,8 @@ import numpy as np
 from cosim.base.errors import FileError
 from cosim.base.reading import Kind, parsing, read_bytes
 from cosim.base.storage import replacing
+from cosim.model.config import CoSimConfig
+from cosim.model.params import TABLE_I, RobotParams, lift_off_speed, motors_of, mounts_of
 
 # Set points of motors D and E in rad/s, each held for HOLD_S. Magnitudes differ by 100 rad/s or
 # more, so that the phase between the motors goes around many times a second and averages out; they
@@ -28,10 +31,11 @@ SEQUENCE = (
     (-900.0, 700.0),
     (700.0, -900.0),
 ) * 2
+# The same for other machines, of each motor and the one before it: shares of the speed at which the
+# motor alone would lift the robot.
+SHARES = ((0.0, 0.8), (0.0, -0.7), (-0.65, 0.75), (0.75, 0.65))
 FRAME_RATE_HZ = 30.0
 
-UNITS = {"time": "s", "x": "m", "y": "m", "heading": "rad", "omega_1": "rad/s", "omega_2": "rad/s"}
-COLUMNS = tuple(UNITS)
 _HEADING = re.compile(
     r"\s*(.*?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*"
 )  # of a column, perhaps with a unit
@@ -52,41 +56,66 @@ class SeenTrack(NamedTuple):
 
     times: np.ndarray  # (n,) of the frames in s, from 0, increasing
     poses: np.ndarray  # (n, 3) x and y of the robot's axis in m, heading in rad, continuous
-    commands: np.ndarray  # (n, 2) set points of motors D and E in rad/s, each until the next frame
+    commands: np.ndarray  # (n, M) set points of the motors in rad/s, each until the next frame
 
     def set_points(self, period_s: float) -> np.ndarray:
-        """Set points (P, 2) of every control period until the last frame."""
+        """Set points (P, M) of every control period until the last frame."""
         starts = period_s * np.arange(math.ceil(self.times[-1] / period_s))
         # a command at a period's start is that period's, however its time was rounded
         rows = np.searchsorted(self.times, starts + 0.5 * period_s, side="right") - 1
         return self.commands[rows]
 
 
-def write_excitation(path: Path) -> None:
-    """Write the sequence to drive a robot with: `time,omega_1,omega_2`, 30 rows a second."""
-    frames = np.arange(round(len(SEQUENCE) * HOLD_S * FRAME_RATE_HZ) + 1)
+def units(motors: int) -> dict[str, str]:
+    """Return the unit of each column of a track of a robot with some motors."""
+    speeds = {f"omega_{k}": "rad/s" for k in range(1, motors + 1)}
+    return {"time": "s", "x": "m", "y": "m", "heading": "rad"} | speeds
+
+
+def excitation(config: CoSimConfig) -> tuple[tuple[float, ...], ...]:
+    """Return set points of a machine's motors to drive it with, in rad/s, each for HOLD_S."""
+    robot, count = config.robot, config.robot.motors_count
+    if not robot.own_layout:
+        return SEQUENCE
+    motors = zip(mounts_of(robot), motors_of(robot, config.motor), strict=True)
+    alone = [lift_off_speed(robot._replace(motors=(mount,)), motor) for mount, motor in motors]
+    rows = np.zeros((count, len(SHARES), count))
+    for k in range(count):
+        for row, shares in zip(rows[k], SHARES, strict=True):
+            for motor, share in zip((k - 1, k), shares, strict=True):
+                row[motor] = round(share * alone[motor], 1)
+    rows = rows.reshape(-1, count).tolist()
+    return (*map(tuple, rows),) * -(-len(SEQUENCE) // len(rows))
+
+
+def write_excitation(path: Path, sequence: Sequence[Sequence[float]]) -> None:
+    """Write a sequence to drive a robot with: `time,omega_1,omega_2` …, 30 rows a second."""
+    motors = len(sequence[0])
+    frames = np.arange(round(len(sequence) * HOLD_S * FRAME_RATE_HZ) + 1)
     with replacing(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(("time", "omega_1", "omega_2"))
+        writer.writerow(("time", *list(units(motors))[-motors:]))
         for time_s in (frames / FRAME_RATE_HZ).round(6).tolist():
             row = int(time_s / HOLD_S)
-            writer.writerow((time_s, *(SEQUENCE[row] if row < len(SEQUENCE) else (0.0, 0.0))))
+            writer.writerow((time_s, *(sequence[row] if row < len(sequence) else [0.0] * motors)))
 
 
-def read_track(path: Path, board_m: tuple[float, float] | None = None) -> SeenTrack:
-    """Read a CSV file with the columns `COLUMNS`, in any order and case, and perhaps others.
+def read_track(
+    path: Path, board_m: tuple[float, float] | None = None, robot: RobotParams = TABLE_I
+) -> SeenTrack:
+    """Read a CSV file with the columns of `units`, in any order and case, and perhaps others.
 
     They are in seconds, metres, radians counter-clockwise from +x, and rad/s. Cells are separated
     by commas, semicolons or tabs; headings may name the unit, as in "time [s]".
     """
     try:
-        return _checked(*_table(path), board_m)
+        return _checked(*_table(path, units(robot.motors_count)), board_m, robot)
     except ValueError as fault:  # what is wrong, and how to fix it
         raise FileError(f"{path}: {fault}") from None
 
 
-def _table(path: Path) -> tuple[np.ndarray, list[int]]:
-    """Frames of a file, (n, 6) in the order of `COLUMNS`, and their lines."""
+def _table(path: Path, wanted: Mapping[str, str]) -> tuple[np.ndarray, list[int]]:
+    """Frames of a file, (n, 4 + M) in the order of the wanted columns, and their lines."""
     content = read_bytes(path, _KIND)
     with parsing(path, _KIND):
         text = content.decode("utf-8-sig").splitlines() or [""]
@@ -94,7 +123,7 @@ def _table(path: Path) -> tuple[np.ndarray, list[int]]:
         rows = csv.reader(text, delimiter=separator, skipinitialspace=True)
         table = [(rows.line_num, row) for row in rows if row or rows.line_num == 1]
     header = table.pop(0)[1]
-    columns = _columns(header)
+    columns = _columns(header, wanted)
     numbers = []
     for line, row in table:
         if len(row) > len(header):
@@ -103,24 +132,24 @@ def _table(path: Path) -> tuple[np.ndarray, list[int]]:
                 "much, and write decimal points instead of commas"
             )
         cells = row + [""] * (len(header) - len(row))
-        numbers.append([_number(cells[columns[name]], name, line) for name in COLUMNS])
-    return np.array(numbers).reshape(-1, len(COLUMNS)), [line for line, _ in table]
+        numbers.append([_number(cells[columns[name]], name, line) for name in wanted])
+    return np.array(numbers).reshape(-1, len(wanted)), [line for line, _ in table]
 
 
-def _columns(header: list[str]) -> dict[str, int]:
-    """Position of each of `COLUMNS` in the first line."""
+def _columns(header: list[str], wanted: Mapping[str, str]) -> dict[str, int]:
+    """Position of each wanted column in the first line."""
     found: dict[str, int] = {}
     for k, heading in enumerate(header):
         match = _HEADING.fullmatch(heading.lower())
         name, unit = match.groups() if match else ("", None)
         if name in found:
             raise ValueError(f"line 1 has two columns {name}; remove or rename one")
-        if name in UNITS:
-            if unit not in {None, UNITS[name]}:
-                raise ValueError(f"line 1: {name} is in {unit}; give it in {UNITS[name]}")
+        if name in wanted:
+            if unit not in {None, wanted[name]}:
+                raise ValueError(f"line 1: {name} is in {unit}; give it in {wanted[name]}")
             found[name] = k
-    if missing := [name for name in COLUMNS if name not in found]:
-        raise ValueError(f"line 1 has no column {missing[0]}; give {','.join(COLUMNS)}")
+    if missing := [name for name in wanted if name not in found]:
+        raise ValueError(f"line 1 has no column {missing[0]}; give {','.join(wanted)}")
     return found
 
 
@@ -136,7 +165,9 @@ def _number(text: str, name: str, line: int) -> float:
     return value
 
 
-def _checked(table: np.ndarray, lines: list[int], board_m: tuple[float, float] | None) -> SeenTrack:
+def _checked(
+    table: np.ndarray, lines: list[int], board_m: tuple[float, float] | None, robot: RobotParams
+) -> SeenTrack:
     times, commands = table[:, 0] - table[:1, 0], table[:, 4:].copy()
     if len(times) < LEAST_FRAMES or times[-1] < LEAST_S:
         raise ValueError(
@@ -174,8 +205,8 @@ def _checked(table: np.ndarray, lines: list[int], board_m: tuple[float, float] |
         if wrong.any():
             raise ValueError(f"line {lines[int(np.argmax(wrong))]}: {what}")
     if not commands.any():
-        raise ValueError("omega_1 and omega_2 are 0 in every line; drive the robot")
-    if wrong := _wrong_sign(poses, commands):
+        raise ValueError("the motor speeds are 0 in every line; drive the robot")
+    if not robot.own_layout and (wrong := _wrong_sign(poses, commands)):
         raise ValueError(wrong)
     return SeenTrack(times, poses, commands)
 

@@ -16,7 +16,7 @@ from scipy.optimize import root_scalar
 
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
-from cosim.base.storage import replacing
+from cosim.base.storage import write_arrays
 from cosim.model.params import FIG_3, TABLE_I, TABLE_II, MotorParams, RobotParams
 from cosim.physics.forces import platform_force
 from cosim.physics.stroke import Stroke, distance, next_stroke
@@ -215,8 +215,7 @@ class PlatformResult(NamedTuple):
             for motion, values in self._asdict().items()
             for name, array in values._asdict().items()
         }
-        with replacing(path) as temporary:
-            np.savez(temporary, allow_pickle=False, **arrays)
+        write_arrays(path, arrays)
 
     @classmethod
     def load(cls, path: Path) -> "PlatformResult":

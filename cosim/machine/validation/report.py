@@ -175,10 +175,6 @@ def _source(published: str, certainty: str) -> Column:
     return Column("source", text)
 
 
-def _off(row: Row) -> str:
-    return " and ".join(f"{off:g} mm" for off in row["published_mm"]) or "–"
-
-
 _PRESET, _OMEGA = _column("preset", "{preset}"), _column("rad/s", "{motor_speed_rad_s:.0f}")
 _RATIO = _column("ratio", "{ratio:.2f}")
 _TABLES: dict[str, tuple[str, Columns]] = {
@@ -260,7 +256,10 @@ _TABLES: dict[str, tuple[str, Columns]] = {
             _column("largest", "{off_largest_mm:.1f} mm"),
             _column("to the left", "{sideways_mm:+.1f} mm"),
             _column("turned, simulated", "{turned_deg:+.1f} ± {turned_scatter_deg:.1f}°"),
-            Column("off, published", _off),
+            Column(
+                "off, published",
+                lambda row: " and ".join(f"{off:g} mm" for off in row["published_mm"]) or "–",
+            ),
             _RATIO,
             _column("turned", "{published_deg:g}°"),
             _source("published_mm", "seen"),

@@ -74,7 +74,6 @@ class _Cache:
     """Results in the cache, a file each."""
 
     def find(self, job: Measurement) -> Any:
-        """Return the result of a measurement, None if it is missing or damaged."""
         path = self._path(job)
         if is_intact(path):
             return read_json(path, _FILE)
@@ -82,7 +81,6 @@ class _Cache:
         return None
 
     def keep(self, job: Measurement, row: Any) -> None:
-        """Keep the result of a measurement."""
         write_json(self._path(job), row)
         write_checksum(self._path(job))
 

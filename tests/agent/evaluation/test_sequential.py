@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import beta, binom
 
-from agent.evaluation.sequential import SequentialTest
+from agent.evaluation.claims import SequentialTest
 
 
 def chances(test: SequentialTest, rates: list[float], most: int) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.study.options import Sampling, Work
+from agent.study.options import RobustnessOptions, Sampling, TransferOptions
 from agent.study.studies import evaluate, robustness, transfer
 from agent.study.user import study
 from agent.training.runs import Experiment, make_runs
@@ -46,8 +46,8 @@ def rows(name: str, out: Path, where: Workers, policy: Path) -> Any:
     out.parent.mkdir()
     board = out.parent / "near.toml"
     board.write_text(BOARD)
-    physics, there = SimulationOptions(), Work(where=where)
-    few: Any = {"methods": ("paper",)}
+    physics = SimulationOptions()
+    few: Any = {"out": out, "where": where, "methods": ("paper",)}
     rough: Any = {"scenario": str(board), "axes": ("nothing", "delay"), "episodes": 1}
     work: Any = {"out": out, "backend": where.backend, "address": where.address}
     how = Sampling(out=out, where=where)
@@ -55,10 +55,10 @@ def rows(name: str, out: Path, where: Workers, policy: Path) -> Any:
     found = {
         "claim": lambda: evaluate([policy], physics, claimed, starts=9, recordings=0),
         "evaluate": lambda: evaluate([policy], physics, how, recordings=0),
-        "robustness": lambda: robustness(out, there, read_world(ROUGH), **few, **rough),
+        "robustness": lambda: robustness(RobustnessOptions(**few, **rough), read_world(ROUGH)),
         "study": lambda: study(policy, noise=[0.0, 0.05], episodes=2, **work).rows,
         "training": lambda: training(out, where),
-        "transfer": lambda: transfer(out, there, scenarios=(str(board),), quick=True, **few),
+        "transfer": lambda: transfer(TransferOptions(scenarios=(str(board),), quick=True, **few)),
         "validate": lambda: validation(out, where),
     }[name]()
     return timeless(msgspec.json.decode(msgspec.json.encode(found)))

@@ -1,12 +1,13 @@
 """The tables of transfer and robustness: their rows, worlds and goals, and how they continue."""
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
 from agent.study import engine
-from agent.study.options import AXES, Work
+from agent.study.options import AXES, RobustnessOptions, TransferOptions
 from agent.study.report import Report
 from agent.study.store import EpisodeStore
 from agent.study.studies import TransferReport, goals, robustness, transfer, worlds_of
@@ -33,13 +34,14 @@ def board(tmp_path_factory) -> Path:
 
 
 def quick_table(board: Path, out: Path, **options) -> TransferReport:
-    few = {"scenarios": (str(board),), "methods": ("paper",), "quick": True}
-    return transfer(out, Work(**options), **few)
+    few: Any = {"scenarios": (str(board),), "methods": ("paper",), "quick": True}
+    return transfer(TransferOptions(out=out, **few, **options))
 
 
 def measure_worlds(board: Path, out: Path) -> Report:
-    few = {"scenario": str(board), "methods": ("paper",), "episodes": 1}
-    return robustness(out, Work(), read_world(ROUGH), axes=("nothing", "delay"), **few)
+    few: Any = {"scenario": str(board), "methods": ("paper",), "episodes": 1}
+    how = RobustnessOptions(out=out, axes=("nothing", "delay"), **few)
+    return robustness(how, read_world(ROUGH))
 
 
 @pytest.fixture(scope="module")
@@ -144,9 +146,9 @@ def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
         return iter(())
 
     monkeypatch.setattr(engine, "EPISODES", engine.EPISODES._replace(compute=count))
-    few = {"scenario": str(board), "methods": ("paper",), "episodes": 2}
-    axes = ("friction", "everything")
-    report = robustness(board.parent / "same", Work(), World(mu=0.1), axes=axes, **few)
+    few: Any = {"scenario": str(board), "methods": ("paper",), "episodes": 2}
+    how = RobustnessOptions(out=board.parent / "same", axes=("friction", "everything"), **few)
+    report = robustness(how, World(mu=0.1))
     assert len(report.rows) > len({row.digest for row in report.rows})
     assert counts == [2 * len({row.digest for row in report.rows})]
 

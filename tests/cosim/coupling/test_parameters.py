@@ -17,7 +17,7 @@ from cosim.model.world import World
 from cosim.simulation.batch import DRIVERS
 from cosim.simulation.options import Physics, SimulationOptions
 from fmus import models
-from fmus.build import build_fmu, built_in
+from fmus.build import build_fmu, built_in_model
 from tests.alone import CoSimulation
 
 HEAVY = 2.0 * TABLE_II.J
@@ -63,7 +63,7 @@ def motors_after(fmu, config, steps=1, **options):
 
 def test_the_built_in_motors_are_those_of_table_ii(motor_fmu, array_fmu):
     for path in (motor_fmu, array_fmu):
-        assert built_in(path)
+        assert built_in_model(path)
         assert with_motor(CoSimConfig(), path) == CoSimConfig()
         read = MotorFmu(path).read(MotorParams._fields, {})
         assert MotorParams(**read) == TABLE_II

@@ -181,7 +181,7 @@ def test_a_replay_takes_another_build_of_the_fmu_that_was_recorded(
     monkeypatch.setattr(build, "build_fmu", rebuild)
     path = build.cached_fmu(MODEL).absolute()
     other = Path(shutil.copy(path, tmp_path))
-    assert build.built_in(path) and not build.built_in(other)
+    assert build.built_in_model(path) and not build.built_in_model(other)
     policy: Any = None
     assert Task.again(origin, path, policy).origin == origin
     with pytest.raises(ConfigError, match="is not the one that was recorded"):

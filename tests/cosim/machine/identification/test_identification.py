@@ -1,8 +1,10 @@
 """Robots identified from their tracks: the simulation of many, noise, reading, and the command."""
 
 import csv
+import hashlib
 import json
 import math
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -16,35 +18,37 @@ from cosim.fmi.motor import MotorFmu
 from cosim.machine.identification.fit import Fit, unidentifiable
 from cosim.machine.identification.noise import Noise, deviance, likeliest_noise, residuals
 from cosim.machine.identification.simulated import (
-    NAMES,
-    SPREADS,
     Machine,
     machine,
+    parameters_of,
     tracks,
     usual_values,
 )
 from cosim.machine.identification.track import (
-    COLUMNS,
     FRAME_RATE_HZ,
     HOLD_S,
     SEQUENCE,
-    UNITS,
     SeenTrack,
+    excitation,
     read_track,
+    units,
     write_excitation,
 )
 from cosim.model.config import CoSimConfig
-from cosim.model.params import TABLE_I, TABLE_II, MotorParams
+from cosim.model.params import TABLE_I, TABLE_II
 from cosim.model.preset import find_preset
 from cosim.model.world import Sensor
 from cosim.onboard.camera import draw_sight
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
+from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
 from cosim.physics.body_state import standing_state
 from cosim.physics.mass import mass_of
+from docs.examples.draw_machine import machine as drawn
 from fmus.build import cached_fmu
 from tests.references.prescribed import STATE_SIZE, Drive, rig, trace_body
 
 DT_S = 1e-5
+UNITS = units(2)
+NAMES = tuple(p.name for p in parameters_of(TABLE_I))
 CAMERA = Sensor(FRAME_RATE_HZ, 50.0, 0.5, 1.0)
 
 
@@ -62,12 +66,39 @@ def test_robots_beside_each_other_move_as_each_alone():
         np.testing.assert_allclose(seen[1, column, :2], trace[0, :2], rtol=1e-3)
 
 
+def test_tracks_of_the_paper_s_kind_of_robot_keep_their_bits():
+    """Places as before kernels took any number of motors and feet."""
+    machines = [
+        Machine(TABLE_I._replace(
+            mu=0.1 + 0.02 * k, foot_radius_m=0.02 + 3e-4 * k, com_height_m=0.014 + 2e-4 * k,
+            com_x_m=1e-4 * k,
+        ))
+        for k in range(5)
+    ]  # fmt: skip
+    steps = 20.0 * np.random.default_rng(0).uniform(-1.0, 1.0, (60, 2))
+    speeds = np.cumsum(steps, axis=0) + np.array([-900.0, 870.0])
+    places = tracks(machines, speeds, 100, DT_S, 5)[..., :2]
+    assert hashlib.sha256(places.tobytes()).hexdigest()[:16] == "f12f5ac28b4ae83f"
+
+
+def test_only_the_ratio_of_mass_and_unbalance_shows():
+    """A robot and motors of twice the mass move alike."""
+    robot, speeds = find_preset("kilobot").config().robot, np.tile([700.0, -600.0], (301, 1))
+    seen = []
+    for factor in (1.0, 2.0):
+        motor = TABLE_II._replace(m=factor * TABLE_II.m, J=factor * TABLE_II.J)
+        heavy = Machine(robot._replace(mass_kg=factor * robot.mass_kg), (motor, motor))
+        seen.append(tracks([heavy], speeds, 100, DT_S, 300)[-1])
+    assert abs(seen[0][0, 2]) > 1e-3
+    np.testing.assert_allclose(seen[0], seen[1], rtol=1e-4)
+
+
 def test_a_stronger_motor_and_a_centre_of_mass_aside_are_mirrored():
     strong = TABLE_II._replace(r=1.1 * TABLE_II.r)
     aside = TABLE_I._replace(com_y_m=1e-3)
     machines = [
-        Machine(aside, strong, TABLE_II),
-        Machine(aside._replace(com_y_m=-1e-3), TABLE_II, strong),
+        Machine(aside, (strong, TABLE_II)),
+        Machine(aside._replace(com_y_m=-1e-3), (TABLE_II, strong)),
     ]
     speeds = np.empty((301, 2, 2))
     speeds[:, :, 0], speeds[:, :, 1] = (-900.0, 950.0), (-950.0, 900.0)
@@ -107,20 +138,21 @@ def test_noise_is_found_and_makes_residuals_of_variance_one():
 
 
 def test_what_a_track_cannot_tell_is_said_by_name():
-    shares = np.diag(np.full(len(NAMES), 0.01))
+    parameters = parameters_of(TABLE_I)
+    shares, spreads = np.diag(np.full(len(NAMES), 0.01)), [p.spread for p in parameters]
     pair = [NAMES.index("com_height_m"), NAMES.index("foot_radius_m")]
     shares[np.ix_(pair, pair)] = [[0.5, 0.495], [0.495, 0.5]]  # only their difference is known
     nothing = np.empty((0, 3))
     noise = Noise(1.0, 1.0, 1.0, 1.0)
-    found = Fit(usual_values(), shares * np.outer(SPREADS, SPREADS), noise, nothing, nothing, 1)
-    (words,) = unidentifiable(found)
+    found = Fit(usual_values(), shares * np.outer(spreads, spreads), noise, nothing, nothing, 1)
+    (words,) = unidentifiable(found, parameters)
     assert (
         words == "com_height_m and foot_radius_m together: still 100% of the spread assumed before"
     )
 
 
 def test_the_excitation_can_be_read_as_what_a_track_was_driven_with(tmp_path):
-    write_excitation(tmp_path / "drive.csv")
+    write_excitation(tmp_path / "drive.csv", excitation(CoSimConfig()))
     with (tmp_path / "drive.csv").open() as file:
         rows = [tuple(map(float, row.values())) for row in csv.DictReader(file)]
     times, commands = np.array(rows)[:, 0], np.array(rows)[:, 1:]
@@ -130,10 +162,19 @@ def test_the_excitation_can_be_read_as_what_a_track_was_driven_with(tmp_path):
     assert (commands[-1] == 0.0).all()
 
 
+def test_the_excitation_of_a_machine_of_its_own_runs_each_motor_alone(tmp_path, command):
+    command("identify-robot", "--excite", tmp_path / "drive.csv", "--preset", "droplet")
+    with (tmp_path / "drive.csv").open() as file:
+        header, *rows = csv.reader(file)
+    assert header == ["time", "omega_1", "omega_2", "omega_3"]
+    running = np.array(rows, dtype=float)[:, 1:] != 0.0
+    assert {tuple(row) for row in running[running.sum(axis=1) == 1]} == set(map(tuple, np.eye(3)))
+
+
 def write_track(path, track):
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(COLUMNS)
+        writer.writerow(units(track.commands.shape[1]))
         writer.writerows(np.column_stack([track.times, track.poses, track.commands]).tolist())
 
 
@@ -183,7 +224,7 @@ def test_what_is_no_track_is_refused_with_its_line(tmp_path, change, says):
 
 
 @pytest.mark.parametrize("separator", [",", ", ", ";", "\t"])
-@pytest.mark.parametrize("header", [COLUMNS, [f" {n.upper()} [{u}]" for n, u in UNITS.items()]])
+@pytest.mark.parametrize("header", [list(UNITS), [f" {n.upper()} [{u}]" for n, u in UNITS.items()]])
 def test_usual_forms_of_a_table_are_read_alike(tmp_path, header, separator):
     path = tmp_path / "track.csv"
     write_track(path, GOOD)
@@ -230,28 +271,29 @@ def test_a_robot_that_leaves_the_board_is_refused(tmp_path):
 
 
 def observed(
-    values: np.ndarray, motors: tuple[MotorParams, MotorParams], sequence: tuple[tuple, ...]
+    values: np.ndarray, sequence: Sequence[tuple[float, ...]], config: CoSimConfig | None = None
 ) -> SeenTrack:
     """The track of a known machine: co-simulated with its motors and speed noise, seen by a camera.
 
     Args:
-        values: (8,), see `cosim.machine.identification.simulated`.
-        motors: D and E.
-        sequence: set points of both motors, each held for HOLD_S.
+        values: see `cosim.machine.identification.simulated`; all else is of the configuration.
+        sequence: set points of the motors, each held for HOLD_S.
     """
-    config, seed = replace(CoSimConfig(), robot=machine(values).robot), np.random.SeedSequence(4)
+    config = config or CoSimConfig()
+    robot, motors = machine(values, config.robot, config.motor)
+    config, seed = replace(config, robot=robot), np.random.SeedSequence(4)
     period_s = config.timing.control_period_s
     with Trial(MotorFmu(cached_fmu()), config, np.zeros(1), seed, motors=[motors]) as trial:
         trial.commands[:, MODE] = DIRECT
-        places, turned = [trial.bodies[:2].T - trial.origins_m], [trial.bodies[3:7].T]
-        for omega_d, omega_e in sequence:
-            trial.commands[:, OMEGA_D], trial.commands[:, OMEGA_E] = omega_d, omega_e
+        places, turned = [trial.bodies[:2].T - trial.origins_m], [trial.bodies[3:7].T.copy()]
+        for set_points in sequence:
+            trial.commands[:, OMEGA_D : OMEGA_D + len(set_points)] = set_points
             samples = trial.advance(round(HOLD_S / period_s))
             places.append(samples.position[:, 0, :2] - trial.origins_m)
             turned.append(samples.quaternion[:, 0])
     angles = heading_angles(np.concatenate(turned))
     cosine, sine = np.cos(angles), np.sin(angles)
-    x, y = values[2:4]  # of the centre of mass; the camera sees the axis
+    x, y = robot.com_x_m, robot.com_y_m  # the camera sees the axis
     axis = np.concatenate(places) - np.column_stack([cosine * x - sine * y, sine * x + cosine * y])
     frames = round(len(sequence) * HOLD_S * CAMERA.rate_hz) + 1
     times = np.arange(frames) / CAMERA.rate_hz
@@ -267,8 +309,7 @@ def test_a_robot_is_identified_from_its_track(tmp_path, command):
     """Six seconds are enough for the friction."""
     factors, delay_s = (1.05, 0.96), 1e-3 * CAMERA.delay_ms
     truth = np.array([0.22, 0.014, 5e-4, -6e-4, 0.0225, *factors, delay_s])
-    d, e = (TABLE_II._replace(r=factor * TABLE_II.r) for factor in factors)
-    write_track(tmp_path / "track.csv", observed(truth, (d, e), SEQUENCE[:2]))
+    write_track(tmp_path / "track.csv", observed(truth, SEQUENCE[:2]))
     out = tmp_path / "robot"
     given = ("--motor-parameter", "J=3e-9")
     done = command("identify-robot", tmp_path / "track.csv", "--out", out, "--json", *given)
@@ -287,3 +328,33 @@ def test_a_robot_is_identified_from_its_track(tmp_path, command):
     assert "| com_x_m | centre of mass before the axis | " in (out / "report.md").read_text()
     assert "<svg" in (out / "tracks.svg").read_text()
     assert json.loads((out / "identification.json").read_text()) == said
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["kilobot", pytest.param("drawn", marks=pytest.mark.slow)])
+def test_a_machine_of_its_own_is_identified_from_its_track(tmp_path, command, name):
+    """Two vertical shafts on three feet, and four drawn motors on four feet; two motors run."""
+    file = tmp_path / "drawn.toml"
+    file.write_text(drawn(1))
+    given = file if name == "drawn" else name
+    config = find_preset(given).config()
+    parameters, motors = parameters_of(config.robot), config.robot.motors_count
+    truth = usual_values(config.robot)
+    truth += [0.4 * sign * p.spread for sign, p in zip((1, -1) * 8, parameters, strict=False)]
+    truth[-1] = 1e-3 * CAMERA.delay_ms
+    write_track(tmp_path / "track.csv", observed(truth, excitation(config)[:4], config))
+    out = tmp_path / "robot"
+    options = ("--preset", given, "--out", out, "--json")
+    done = command("identify-robot", tmp_path / "track.csv", *options)
+    said = json.loads(done.stdout.splitlines()[-1])
+    found = {parameter["name"]: parameter for parameter in said["parameters"]}
+    assert tuple(found) == tuple(p.name for p in parameters)
+    assert "foot_radius_m" not in found
+    known = dict(zip(found, truth, strict=True))
+    driven = ("motor_d", "motor_g" if name == "drawn" else "motor_e")
+    for each in ("mu", *driven):
+        assert found[each]["identifiable"]
+        assert found[each]["low"] < known[each] < found[each]["high"]
+    robot = find_preset(out / "preset.toml").config().robot
+    assert robot.mu == found["mu"]["value"]
+    assert len(robot.motors) == motors

@@ -1,0 +1,106 @@
+"""Measure how well parameters are identified from tracks of another engine, MuJoCo.
+
+Robots drawn around those of several machines are driven with speed noise and seen by a camera,
+in MuJoCo, whose contacts are soft, and by the kernels of the fit, as a reference. Errors are in
+percent of the drawn value; `covered` counts intervals of 95 % that have it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.machines import machine as layout
+from cosim.base.command import Checked, Count
+from cosim.fmi.motor import MotorFmu
+from cosim.machine.identification.fit import QUANTILE, fit
+from cosim.machine.identification.simulated import (
+    LOOKS_S,
+    machine,
+    motor_speeds,
+    parameters_of,
+    simulated_drive,
+    tracks,
+    usual_values,
+)
+from cosim.machine.identification.track import FRAME_RATE_HZ, SeenTrack, excitation
+from cosim.model.config import CoSimConfig
+from cosim.model.preset import find_preset
+from cosim.model.world import Sensor
+from cosim.onboard.camera import draw_sight
+from fmus.build import cached_fmu
+from tests.references.mjcf import mujoco_track
+
+MACHINES = {
+    "paper": find_preset("paper").config(),
+    "kilobot": find_preset("kilobot").config(),
+    "2 motors, 4 feet": layout(2, 4),
+    "3 motors, 3 feet": layout(3, 3),
+}
+HOLD_S = 1.5  # of the set points, half as long as for a user's robot
+DRAWN = 0.3  # standard deviation of drawn parameters, in that assumed by the fit
+CAMERA = Sensor(FRAME_RATE_HZ, 50.0, 0.5, 1.0)
+ENGINES: dict[str, Callable[..., np.ndarray]] = {
+    "MuJoCo": mujoco_track,
+    "own": lambda robot, *given: tracks([robot], *given)[:, 0],
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Checked):
+    robots: Count = 3
+    """Robots of every machine."""
+
+
+def observed(engine: Callable[..., np.ndarray], values: np.ndarray, seed: int, config: CoSimConfig):
+    """Return the track of a robot with some values."""
+    period_s, delay_s = config.timing.control_period_s, 1e-3 * CAMERA.delay_ms
+    sequence = np.array(list(dict.fromkeys(excitation(config))))
+    set_points = np.repeat(sequence, round(HOLD_S / period_s), axis=0)
+    noise = np.random.SeedSequence(seed, spawn_key=(1,))  # none that the fit uses
+    speeds = motor_speeds(set_points, MotorFmu(cached_fmu()), config, noise)
+    every = round(LOOKS_S / period_s)
+    given = speeds, config.ticks_per_period, config.timing.dt_s, every
+    poses = engine(machine(values, config.robot, config.motor), *given)
+    times = np.arange(round(len(sequence) * HOLD_S * CAMERA.rate_hz) + 1) / CAMERA.rate_hz
+    looks = LOOKS_S * np.arange(len(poses))
+    seen = np.column_stack([np.interp(times - delay_s, looks, signal) for signal in poses.T])
+    seen += draw_sight(CAMERA, np.random.default_rng(seed), len(times))[:, :3]
+    rows = np.minimum((times / HOLD_S + 1e-9).astype(int), len(sequence) - 1)
+    return SeenTrack(times, seen, sequence[rows])
+
+
+def measure(options: Options) -> dict[str, Any]:
+    rows = []
+    for name, config in MACHINES.items():
+        parameters = parameters_of(config.robot)
+        spreads = np.array([p.spread for p in parameters])
+        kinds = {
+            "mu": [p.name == "mu" for p in parameters],
+            "unbalance": [p.name.startswith("motor_") for p in parameters],
+        }
+        for engine, simulate in ENGINES.items():
+            errors, covered = [], []
+            for seed in range(options.robots):
+                drawn = DRAWN * np.random.default_rng(seed).standard_normal(len(spreads))
+                truth = usual_values(config.robot) + spreads * drawn
+                truth[-1] = 1e-3 * CAMERA.delay_ms
+                track = observed(simulate, truth, seed, config)
+                found = fit(track, simulated_drive(track, config, cached_fmu()))
+                errors.append(100.0 * (found.values - truth) / truth)
+                covered.append(np.abs(found.values - truth) < QUANTILE * found.deviations)
+            for kind, which in kinds.items():
+                own, inside = np.array(errors)[:, which], np.array(covered)[:, which]
+                rows.append(
+                    {
+                        "machine": name,
+                        "engine": engine,
+                        "parameter": kind,
+                        "bias_percent": float(own.mean()),
+                        "rms_percent": float(np.sqrt((own**2).mean())),
+                        "covered": int(inside.sum()),
+                        "intervals": inside.size,
+                    }
+                )
+    return {"rows": rows}
