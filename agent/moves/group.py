@@ -164,7 +164,7 @@ def _search(
 
     Args:
         plans, counts, since: see `_is_clear`; updated.
-        axis, begin: what robot k faces, from when on in s.
+        axis, begin: axis that robot k faces from `begin` on, which is in s.
         parked: bits of the robots with targets that it drives around.
         reached: (cells, AXIS_COUNT, _SLICES) int16, working memory: the last search that has
             reached a cell with an axis in a slice of time.
