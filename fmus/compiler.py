@@ -127,11 +127,7 @@ def compile_library(model: Model, header: str, target: str) -> bytes:
 
 
 def run_compiler(command: Sequence[str], work: Path, purpose: str) -> None:
-    """Run a command of the C compiler in a folder, in which zig keeps what it caches.
-
-    Args:
-        purpose: what is compiled, for the message.
-    """
+    """Run a command of the C compiler, for a purpose, in a folder in which zig keeps its cache."""
     run = subprocess.run(
         command,
         cwd=work,

@@ -15,9 +15,7 @@ from fmus.compiler import PLAIN_NAMES, SAME_BITS, compiler_command, fmi_headers,
 def pack_sources(folder: Path, out: Path, progress: Progress) -> Path:
     """Compile the sources of an unpacked FMU for this machine, and return the FMU of them.
 
-    Args:
-        folder: of the unpacked FMU.
-        out: folder that receives the FMU, with the name of the former.
+    It is written into `out`, with the name of the folder.
 
     Raises:
         UserError: the folder is no FMU with sources, or they cannot be compiled.

@@ -18,7 +18,7 @@ import pytest
 
 from agent.training.methods import method_config
 from cosim.base.storage import CACHE, PACKAGED, cache_dir
-from cosim.calibration.measuring import calibrated_slower
+from cosim.calibration.measuring import calibrated
 from cosim.calibration.shielding import with_stopping_distance
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
@@ -28,15 +28,15 @@ from cosim.model.world import World
 from fmus.build import cached_fmu
 
 
-def calibrated(**options: Any) -> CoSimConfig:
-    return calibrated_slower(replace(CoSimConfig(), **options), cached_fmu())
+def prepared(**options: Any) -> CoSimConfig:
+    return calibrated(replace(CoSimConfig(), **options), cached_fmu(), slower=True)
 
 
 FLOOR = CoSimConfig().in_world(World(mu=0.2))  # the example of the README
 DEFAULTS: dict[str, Callable[[], Any]] = {
-    "calibration": calibrated,
-    "calibration on another floor": lambda: calibrated_slower(FLOOR, cached_fmu()),
-    "shield": lambda: with_stopping_distance(calibrated(shield=SHIELD), cached_fmu()),
+    "calibration": prepared,
+    "calibration on another floor": lambda: calibrated(FLOOR, cached_fmu(), slower=True),
+    "shield": lambda: with_stopping_distance(prepared(shield=SHIELD), cached_fmu()),
     "moves": lambda: method_config("moves", find_scenario("2")),
     "moves through cells": lambda: method_config("fastest", find_scenario("2")),
 }

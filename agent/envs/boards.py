@@ -15,13 +15,9 @@ from gymnasium import spaces
 
 from agent.mdp.config import ProcessConfig, refuse_without_effect
 from agent.mdp.grid import (
-    AXIS,
-    BEARING,
-    CLASS,
     COLUMN_COUNT,
+    FEATURE_COLUMNS,
     MOVING,
-    PARTNER,
-    SIGN,
     STATUS,
     VX,
     VY,
@@ -43,7 +39,6 @@ from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
 
 Count = Annotated[int, msgspec.Meta(ge=1)]
 _Seed = Annotated[int, msgspec.Meta(ge=0)]
-FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS, "p": PARTNER}
 
 
 class Results(NamedTuple):

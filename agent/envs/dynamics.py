@@ -28,7 +28,7 @@ from agent.mdp.config import ProcessConfig, refuse_without_effect
 from agent.mdp.greedy import on_grid
 from agent.mdp.grid import X, Y
 from agent.mdp.interpretations import Process, build_process
-from agent.mdp.rewards import failed, step_reward
+from agent.mdp.rewards import failed, reward_parts
 from agent.moves.worlds import checked_ranges, draw_world
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.progress import progress_bars
@@ -257,7 +257,8 @@ class CoSimBoards(DynamicsBoards):
                 outcomes[m] = BY_RANK.index(step.outcome)
                 self._arrived[m] = arrived = episodes[m].arrived
                 lost[m] = failed(step, arrived)
-                rewards[m] += np.nan_to_num(step_reward(self._processes[m], step, arrived))
+                parts = reward_parts(self._processes[m], step, arrived)
+                rewards[m] += np.nan_to_num(parts.sum(axis=1))
             if not self._until_arrival or episodes[0].awaiting.any():
                 break
 

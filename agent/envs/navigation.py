@@ -19,7 +19,7 @@ from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
 from agent.envs.boards import Boards, Count, EnvBoards
-from agent.envs.views import Rows, RowsVectorEnv, SingleEnv, View
+from agent.envs.views import RowsVectorEnv, SingleEnv, View
 from agent.mdp.config import ProcessConfig
 from cosim.base.arguments import ConfigError, validate_argument
 from cosim.model.scenario import Scenario
@@ -239,9 +239,9 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
         """
         names = self._boards.reset_options
         given = {name: [value] for name, value in (options or {}).items() if name in names}
-        rows = self._begin(given, seed)
+        observations, *_, infos = self._begin(given, seed)
         self.agents = self._remaining()
-        return self._by_agent(rows.observations), self._infos(rows)
+        return self._by_agent(observations), self._infos(infos)
 
     def step(self, actions: Mapping[str, int]) -> AgentResults:
         """Let every agent take its action; nothing happens after the end of an episode.
@@ -254,9 +254,9 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
         if not self.agents:
             gym.logger.warn("step() does nothing after the end of an episode")
             return {}, {}, {}, {}, {}
-        observations, *flat, _ = rows = self._step(self._checked(actions))
+        observations, *flat, infos = self._step(self._checked(actions))
         rewards, terminated, truncated = (self._by_agent(values.tolist()) for values in flat)
-        results = self._by_agent(observations), rewards, terminated, truncated, self._infos(rows)
+        results = self._by_agent(observations), rewards, terminated, truncated, self._infos(infos)
         self.agents = self._remaining()
         return results
 
@@ -279,8 +279,8 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
         pairs = zip(self.possible_agents, rows, strict=True)
         return {agent: row for agent, row in pairs if agent in self.agents}
 
-    def _infos(self, rows: Rows) -> dict[str, dict[str, Any]]:
-        infos = {name: values.tolist() for name, values in rows.infos.items()}
+    def _infos(self, rows: dict[str, np.ndarray]) -> dict[str, dict[str, Any]]:
+        infos = {name: values.tolist() for name, values in rows.items()}
         infos["action_mask"] = self._boards.action_masks()[0]
         of_agents = zip(*infos.values(), strict=True)
         return self._by_agent(dict(zip(infos, row, strict=True)) for row in of_agents)

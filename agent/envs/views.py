@@ -1,7 +1,7 @@
 """Bases of the environments, which step boards: one robot, and rows of robots; their pictures."""
 
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import gymnasium as gym
 import numpy as np
@@ -27,17 +27,9 @@ ROBOT_COLOURS = np.array(
 _BOARD, _GRID, _ZONE, _OBSTACLE = 255, 238, 222, 90
 
 
-class Rows(NamedTuple):
-    """Results of a step by robots, those of a board one after the other: R = K · N rows.
-
-    As of `agent.envs.boards.Results`; infos are (R,) arrays by name.
-    """
-
-    observations: np.ndarray
-    rewards: np.ndarray
-    terminated: np.ndarray
-    truncated: np.ndarray
-    infos: dict[str, np.ndarray]
+# Observations, rewards, terminated and truncated as of `agent.envs.boards.Results`, and arrays of
+# infos by name; by robots, those of a board one after the other: R = K · N rows.
+Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 
 class View:
@@ -93,13 +85,10 @@ class View:
         }
         if self._outcome_names:
             infos["outcome_name"] = _NAMES[ranks]
-        return Rows(
-            arrays.observations.reshape(len(ranks), -1).copy(),
-            arrays.rewards.flatten(),
-            arrays.terminated.flatten(),
-            arrays.truncated.flatten(),
-            infos,
-        )
+        observations = arrays.observations.reshape(len(ranks), -1).copy()
+        rest = (arrays.rewards, arrays.terminated, arrays.truncated)
+        rewards, terminated, truncated = (values.flatten() for values in rest)
+        return observations, rewards, terminated, truncated, infos
 
     def render(self) -> Any:
         """Return the first board as text ("ansi") or pixels ("rgb_array")."""
@@ -152,8 +141,8 @@ class SingleEnv(View, gym.Env[np.ndarray, Any]):
         """Begin an episode with options of the class; raises ConfigError where one is unusable."""
         super().reset(seed=seed)
         given = checked_options(options, *self._boards.reset_options)
-        rows = self._begin({name: [value] for name, value in given.items()}, seed)
-        return rows.observations[0], _info(rows)
+        observations, *_, infos = self._begin({name: [v] for name, v in given.items()}, seed)
+        return observations[0], _info(infos)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Take an action.
@@ -165,13 +154,13 @@ class SingleEnv(View, gym.Env[np.ndarray, Any]):
         self._require_open()
         if self._boards.arrays.outcomes[0] != RUNNING:
             raise ConfigError("no episode is running; call reset before the next step")
-        rows = self._step([action])
-        ends = bool(rows.terminated[0]), bool(rows.truncated[0])
-        return rows.observations[0], float(rows.rewards[0]), *ends, _info(rows)
+        observations, rewards, *ends, infos = self._step([action])
+        terminated, truncated = (bool(rows[0]) for rows in ends)
+        return observations[0], float(rewards[0]), terminated, truncated, _info(infos)
 
 
-def _info(rows: Rows) -> dict[str, Any]:
-    return {name: values.item(0) for name, values in rows.infos.items()}
+def _info(infos: dict[str, np.ndarray]) -> dict[str, Any]:
+    return {name: values.item(0) for name, values in infos.items()}
 
 
 class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -221,25 +210,22 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ConfigError: an option cannot be used, or "reset_mask" leaves out a board that has never
                 begun; the environment is as it was.
         """
-        rows = self._begin(options, seed)
+        observations, *_, infos = self._begin(options, seed)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
-        return rows.observations, _infos(rows)
+        return observations, _masked(infos)
 
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: np.ndarray) -> Rows:
         """Step all boards; one whose episode has ended begins again instead.
 
         Raises:
             ConfigError: an action is none of the action space, or the environment is closed.
             FmuError: an FMU failed.
         """
-        rows = self._step(actions)
+        observations, rewards, terminated, truncated, infos = self._step(actions)
         if self._together:
-            ended = rows.infos["outcome"] != RUNNING
-            rows = rows._replace(terminated=ended & ~rows.truncated)
-        return *rows[:4], _infos(rows)
+            terminated = (infos["outcome"] != RUNNING) & ~truncated
+        return observations, rewards, terminated, truncated, _masked(infos)
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture for each row, that of its board with the targets of the episode."""
@@ -250,10 +236,10 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return tuple(one for one in pictures for _ in range(self._robots))
 
 
-def _infos(rows: Rows) -> dict[str, Any]:
+def _masked(infos: dict[str, np.ndarray]) -> dict[str, Any]:
     """Return infos with the masks that Gymnasium has, which say that every row has them."""
-    everywhere = np.ones(len(rows.rewards), dtype=bool)
-    return rows.infos | {f"_{name}": everywhere for name in rows.infos}
+    everywhere = np.ones(len(infos["outcome"]), dtype=bool)
+    return infos | {f"_{name}": everywhere for name in infos}
 
 
 def picture(mode: str, scenario: Scenario, positions_m: np.ndarray) -> str | np.ndarray:

@@ -103,7 +103,7 @@ _WITHOUT_EFFECT: dict[Where, dict[str, str]] = {
 
 
 def refuse_without_effect(config: ProcessConfig, where: Where) -> None:
-    """Refuse interpretations that change nothing."""
+    """Refuse interpretations that change nothing where the process is used."""
     for name, reason in _WITHOUT_EFFECT[where].items():
         value, default = getattr(config, name), getattr(ProcessConfig, name)
         if value != default:

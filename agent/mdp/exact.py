@@ -153,7 +153,7 @@ def evaluate(process: Process, values: np.ndarray, starts: np.ndarray | None = N
     """Greedy episodes from the `joint_starts` of a process, or from those given.
 
     Args:
-        process: the decision process; its slip probability is ignored.
+        process: its slip probability is ignored.
         values: (N, states, 8) float32, `Policy.values`.
         starts: (K, N, 2) int64, out of contact; by default `joint_starts`.
     """
@@ -198,9 +198,7 @@ def new_evaluation(starts: np.ndarray) -> Evaluation:
 def cell_map(process: Process, values: np.ndarray, visits: np.ndarray) -> PolicyMap:
     """A robot's table over cells, over the other features weighted by visits.
 
-    Args:
-        values: (states, 8) action values.
-        visits: (states,) decisions made in each state.
+    It has (states, 8) action values, and the (states,) decisions made in each state.
     """
     columns, rows = (size - 2 for size in process.terrain.shape[1:])
     strides, cells = process.strides, columns * rows

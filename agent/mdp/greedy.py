@@ -43,20 +43,12 @@ from cosim.recording.series import PolicyMap
 def on_grid(process: Process, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
     """Return what robots see, as a world of the grid and as rows of their tables.
 
-    Args:
-        observation: int64, C-contiguous.
-
-    Returns:
-        World (N, 11) without last moves and status, and state indices (N,); indices are −1 and the
-        world is 0 if a cell is off the board.
+    Of an observation int64, C-contiguous, of robots on the board: the world (N, 11) without last
+    moves and status, and state indices (N,) int64.
     """
     cells = observation.cells
-    columns, rows = process.terrain.shape[1] - 2, process.terrain.shape[2] - 2
     world = np.zeros((len(cells), COLUMN_COUNT), dtype=np.int64)
-    states = np.full(len(cells), -1)
-    for i in range(len(cells)):
-        if not (0 <= cells[i, 0] < columns and 0 <= cells[i, 1] < rows):
-            return world, states
+    states = np.empty(len(cells), dtype=np.int64)
     for i in range(len(cells)):
         world[i, X] = cells[i, 0]
         world[i, Y] = cells[i, 1]
@@ -158,11 +150,15 @@ class GreedyPolicy(ABC):
         return reward_parts(self.process, step, arrived)
 
     def checked(self, observation: Observation) -> Observation:
-        """Return an observation as kernels take it: int64, C-contiguous."""
-        robots = self.config.scenario.robots
+        """Return an observation as kernels take it: on the board, int64, C-contiguous."""
+        scenario = self.config.scenario
         found = Observation(*(np.ascontiguousarray(values, np.int64) for values in observation))
-        if found.cells.shape != (robots, 2):
-            raise ValueError(f"observation of shape {found.cells.shape} for {robots} robots")
+        if found.cells.shape != (scenario.robots, 2):
+            raise ValueError(
+                f"observation of shape {found.cells.shape} for {scenario.robots} robots"
+            )
+        if ((found.cells < 0) | (found.cells >= (scenario.columns, scenario.rows))).any():
+            raise ValueError(f"cells {found.cells.tolist()} are off the board")
         return found
 
     def require_scenario(self, scenario: Scenario, name: str = "the policy") -> None:

@@ -24,6 +24,7 @@ BEARING = 8  # direction of the nearest other robot, index into DIRECTIONS; 0 if
 AXIS = 9  # axis that the robot faces: the direction of its last move, modulo half a turn
 PARTNER = 10  # cell x·rows + y of the nearest other robot; 0 if there is none
 COLUMN_COUNT = 11
+FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS, "p": PARTNER}
 
 STARTING_AXIS = 2  # assumed, as in the co-simulation: set down facing the middle row
 
@@ -95,9 +96,7 @@ def place_randomly(
 ) -> None:
     """Put the robots on uniformly drawn start cells, drawn again while any two touch.
 
-    Args:
-        world: written.
-        cells: (N, 2) int64, written with the cells drawn.
+    They are written to `cells`, (N, 2) int64, and the state of the generator advances.
     """
     while True:
         for i in range(len(process.start_offsets) - 1):

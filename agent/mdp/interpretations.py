@@ -12,7 +12,7 @@ import numpy as np
 from agent.mdp.config import FEATURES, PARTNER_UPDATES, REWARDS_PER, ProcessConfig
 from agent.mdp.rng import probability_threshold
 from cosim.base.errors import UserError
-from cosim.model.scenario import MAX_SIDE_CELLS, Cell, Scenario
+from cosim.model.scenario import MAX_SIDE_CELLS, Scenario
 from cosim.onboard.features import (
     AXIS_COUNT,
     DIRECTION_COUNT,
@@ -92,13 +92,17 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
             f"scenario {scenario.name}: distance_limit_m = {config.distance_limit_m:g} is more "
             f"than {MAX_SIDE_CELLS} cells; make it smaller"
         )
-    strides, state_count = _strides(scenario, config)
+    strides: dict[str, int] = dict.fromkeys(FEATURES, 0)  # 0 of a feature that is not used
+    state_count = 1
+    for feature, size in reversed(feature_sizes(scenario, config).items()):
+        strides[feature] = state_count
+        state_count *= size
     if scenario.robots * state_count > MAX_STATES:
         raise UserError(
             f"scenario {scenario.name}: the robots' tables have {scenario.robots * state_count:,} "
             f"states, more than {MAX_STATES:,}; choose fewer features, robots or cells"
         )
-    if strides[FEATURES.index("p")] and state_count > MAX_JOINT_STATES:
+    if strides["p"] and state_count > MAX_JOINT_STATES:
         raise UserError(
             f"scenario {scenario.name}: feature p makes a robot's table {state_count:,} states "
             f"large, more than {MAX_JOINT_STATES:,}; leave p out or choose a smaller board"
@@ -114,7 +118,7 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
         thresholds=thresholds,
         move_reward=_move_reward(scenario, config),
         goal_reward=np.float32(config.goal_reward),
-        strides=strides,
+        strides=tuple(strides.values()),
         state_count=state_count,
         bearings=_bearings(scenario),
         swept=config.collision == "swept",
@@ -130,20 +134,6 @@ def _blocked(scenario: Scenario, shift: int) -> np.ndarray:
     sizes = (2 * scenario.columns + 1 - shift, 2 * scenario.rows + 1 - shift)  # in half cells
     x, y = np.ogrid[shift : sizes[0] + shift : 2, shift : sizes[1] + shift : 2]
     return np.zeros(np.broadcast(x, y).shape, dtype=bool) | scenario.blocks(x, y)
-
-
-def _disk(centre: Cell, squared_radius: int, scenario: Scenario) -> list[Cell]:
-    radius = math.isqrt(squared_radius)
-    columns, rows = (
-        range(max(0, middle - radius), min(size, middle + radius + 1))
-        for middle, size in zip(centre, (scenario.columns, scenario.rows), strict=True)
-    )
-    return [
-        (x, y)
-        for x in columns
-        for y in rows
-        if (x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= squared_radius
-    ]
 
 
 def _terrain(
@@ -162,11 +152,15 @@ def _terrain(
     terrain[1:-1, 1:-1][_blocked(scenario, 1)] = OBSTACLE
     for left, bottom, right, top in rectangles[np.isfinite(rectangles[:, 0])].astype(int):
         terrain[left + 1 : right + 1, bottom + 1 : top + 1] = FORBIDDEN
-    others = [t for other, t in enumerate(scenario.targets) if other != robot]
-    for target in others if config.target_obstacle == "disk" else []:
-        for x, y in _disk(target, thresholds.contact, scenario):
-            terrain[x + 1, y + 1] = FORBIDDEN
     goal_x, goal_y = scenario.targets[robot]
+    if config.target_obstacle == "disk":
+        reach = math.isqrt(thresholds.contact)
+        x, y = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+        disk = np.argwhere(x**2 + y**2 <= thresholds.contact) - reach
+        for other in np.delete(scenario.targets, robot, axis=0):
+            near = other + disk
+            near = near[((near >= 0) & (near < (scenario.columns, scenario.rows))).all(axis=1)]
+            terrain[tuple(near.T + 1)] = FORBIDDEN
     terrain[goal_x + 1, goal_y + 1] = GOAL
     return terrain
 
@@ -186,20 +180,16 @@ def _has_free_starts(scenario: Scenario, contact: int) -> bool:
 def _move_reward(scenario: Scenario, config: ProcessConfig) -> np.ndarray:
     """Eq. (11) and (12) tabulated over the squared distance, see `Process.move_reward`."""
     limit_cells = config.distance_limit_m / scenario.cell_m  # D, in cells
-    largest = math.ceil(limit_cells**2 - 1e-9)
-    reward = np.empty((2, 2, largest + 1), dtype=np.float32)
-    for diagonal in range(2):
-        cost = config.step_cost * (config.diagonal_cost if diagonal else 1.0)
-        for approaching in range(2):
-            # --8<-- [start:pair]
-            # Eq. (12)
-            b = config.approach_coefficient if approaching else 1.0
-            for squared in range(largest + 1):
-                distance = min(math.sqrt(squared), limit_cells)
-                # Eq. (11)
-                reward[diagonal, approaching, squared] = -b * (1.0 - distance / limit_cells) - cost
-            # --8<-- [end:pair]
-    return reward
+    squared = np.arange(math.ceil(limit_cells**2 - 1e-9) + 1)
+    distance = np.minimum(np.sqrt(squared), limit_cells)
+    cost = config.step_cost * np.array([1.0, config.diagonal_cost])[:, None, None]
+    # --8<-- [start:pair]
+    # Eq. (12), of robots that do not approach and that do
+    b = np.array([1.0, config.approach_coefficient])[:, None]
+    # Eq. (11)
+    reward = -b * (1.0 - distance / limit_cells) - cost
+    # --8<-- [end:pair]
+    return reward.astype(np.float32)
 
 
 def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
@@ -224,16 +214,6 @@ def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
             "no other; name x, y or h as well"
         )
     return used
-
-
-def _strides(scenario: Scenario, config: ProcessConfig) -> tuple[tuple[int, ...], int]:
-    """Strides of the state index and the number of states; a feature not used has stride 0."""
-    strides: dict[str, int] = dict.fromkeys(FEATURES, 0)
-    states = 1
-    for name, size in reversed(feature_sizes(scenario, config).items()):
-        strides[name] = states
-        states *= size
-    return tuple(strides.values()), states
 
 
 def _bearings(scenario: Scenario) -> np.ndarray:

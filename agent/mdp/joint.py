@@ -18,39 +18,19 @@ GRAIN = 2.0**-10
 
 
 @inlined
-def _set_move(world: np.ndarray, i: int, cell: int, after: int, rows: int) -> None:
-    world[i, X] = after // rows
-    world[i, Y] = after % rows
-    world[i, VX] = after // rows - cell // rows
-    world[i, VY] = after % rows - cell % rows
-
-
-@inlined
-def _cost(
-    process: Process,
-    after: np.ndarray,
-    costs: np.ndarray,
-    value: np.ndarray,
-    world: np.ndarray,
-    p: int,
-    q: int,
-    a: int,
-    b: int,
-) -> float:
-    """Least cost from a joint state (p, q) through moves (a, b); inf if they cannot be made."""
-    p_after, q_after = after[0, p, a], after[1, q, b]
-    if min(p_after, q_after) == BLOCKED:
-        return np.inf
-    p_cost = 0.0 if p_after == p else costs[a]
-    q_cost = 0.0 if q_after == q else costs[b]
-    cost = float(p_cost + q_cost + value[p_after, q_after])
-    if process.swept and cost < np.inf:
-        rows = process.terrain.shape[2] - 2
-        _set_move(world, 0, p, p_after, rows)
-        _set_move(world, 1, q, q_after, rows)
-        if touched_between(world, 0, 1, process.thresholds.contact):
-            return np.inf
-    return cost
+def _touch_on_the_way(
+    process: Process, world: np.ndarray, before: tuple[int, int], after: tuple[int, int]
+) -> bool:
+    """Return whether robots that move between two pairs of cells touch, if contact is swept."""
+    if not process.swept:
+        return False
+    rows = process.terrain.shape[2] - 2
+    for i in range(2):
+        world[i, X] = after[i] // rows
+        world[i, Y] = after[i] % rows
+        world[i, VX] = world[i, X] - before[i] // rows
+        world[i, VY] = world[i, Y] - before[i] % rows
+    return touched_between(world, 0, 1, process.thresholds.contact)
 
 
 @inlined
@@ -73,7 +53,7 @@ def solve(
         free: (cells, cells) bool, joint states in which robots may be and continue.
         value: (cells, cells) float64, 0 at the end, inf elsewhere; updated.
     """
-    cells, rows = after.shape[1], process.terrain.shape[2] - 2
+    cells = after.shape[1]
     world = np.zeros((2, COLUMN_COUNT), dtype=np.int64)
     # the cell that each move comes from, and as one more of a parked robot that it stays
     before = np.full((2, cells, DIRECTION_COUNT + 1), BLOCKED)
@@ -101,13 +81,9 @@ def solve(
                     cost = paid[a] + paid[b] + known
                     if cost >= value[p_before, q_before]:
                         continue
-                    if process.swept:
-                        _set_move(world, 0, p_before, p, rows)
-                        _set_move(world, 1, q_before, q, rows)
-                        if touched_between(world, 0, 1, process.thresholds.contact):
-                            continue
-                    value[p_before, q_before] = cost
-                    reached = max(reached, cost)
+                    if not _touch_on_the_way(process, world, (p_before, q_before), (p, q)):
+                        value[p_before, q_before] = cost
+                        reached = max(reached, cost)
         bucket += 1
 
 
@@ -168,15 +144,19 @@ def tabulate(
             best_a = best_b = farthest = -1
             for a in range(choices(after, 0, p)):
                 for b in range(choices(after, 1, q)):
-                    cost = _cost(process, after, costs, value, world, p, q, a, b)
-                    if cost == np.inf:
+                    p_after, q_after = after[0, p, a], after[1, q, b]
+                    if min(p_after, q_after) == BLOCKED or value[p_after, q_after] == np.inf:
                         continue
+                    if _touch_on_the_way(process, world, (p, q), (p_after, q_after)):
+                        continue
+                    p_cost = 0.0 if p_after == p else costs[a]
+                    q_cost = 0.0 if q_after == q else costs[b]
+                    cost = p_cost + q_cost + value[p_after, q_after]
                     worth = np.float32(-GRAIN * np.rint(cost / GRAIN))
                     first[a] = max(first[a], worth)
                     second[b] = max(second[b], worth)
                     if cost > value[p, q] + GRAIN:
                         continue
-                    p_after, q_after = after[0, p, a], after[1, q, b]
                     dx, dy = p_after // rows - q_after // rows, p_after % rows - q_after % rows
                     if dx * dx + dy * dy > farthest:
                         best_a, best_b, farthest = a, b, dx * dx + dy * dy
@@ -184,19 +164,53 @@ def tabulate(
             second[best_b] += np.float32(GRAIN)
 
 
-def cells_after(process: Process, robot: int) -> np.ndarray:
-    """(cells, 8) int64, cell after each move; BLOCKED where it fails, itself at the target."""
+def cells_after(process: Process) -> np.ndarray:
+    """(N, cells, 8) int64, cell after each move; BLOCKED where it fails, itself at the target."""
     columns, rows = (size - 2 for size in process.terrain.shape[1:])
     x, y = np.divmod(np.arange(columns * rows), rows)
     after_x, after_y = x[:, None] + DIRECTIONS[:, 0], y[:, None] + DIRECTIONS[:, 1]
-    terrain = process.terrain[robot]
-    possible = np.isin(terrain[after_x + 1, after_y + 1], (FREE, GOAL))
+    possible = np.isin(process.terrain[:, after_x + 1, after_y + 1], (FREE, GOAL))
     if process.swept:  # as `agent.mdp.grid.grazed_a_corner`
         middle = np.maximum(x[:, None], after_x), np.maximum(y[:, None], after_y)
         possible &= ~(process.corners[middle] & (DIRECTIONS != 0).all(axis=1))
     after = np.where(possible, after_x * rows + after_y, BLOCKED)
-    after[terrain[x + 1, y + 1] == GOAL] = np.flatnonzero(terrain[x + 1, y + 1] == GOAL)[:, None]
+    robots, targets = np.nonzero(process.terrain[:, x + 1, y + 1] == GOAL)
+    after[robots, targets] = targets[:, None]
     return after
+
+
+def least_alone(after: np.ndarray, costs: np.ndarray) -> np.ndarray:
+    """(N, cells, axes) float64, least costs of each robot as if it were alone; inf without a path.
+
+    Args:
+        after: see `cells_after`.
+        costs: see `iterate_alone`.
+    """
+    parked = after[:, :, 0] == np.arange(after.shape[1])
+    value = np.repeat(np.where(parked, 0.0, np.inf)[..., None], costs.shape[1], axis=2)
+    for own_after, own in zip(after, value, strict=True):
+        iterate_alone(own_after, costs, own)
+    return value
+
+
+def tables_alone(
+    after: np.ndarray, costs: np.ndarray, value: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tables of a robot alone: action values (1, cells · axes, 8) float32, minus costs.
+
+    And (1, cells · axes) bool, whether there is anything to decide and a path to the target.
+
+    Args:
+        after: (cells, 8) int64, see `cells_after`.
+        costs, value: see `iterate_alone`, which found the latter.
+    """
+    rest = np.where(
+        after == BLOCKED, np.inf, value[after, np.arange(DIRECTION_COUNT) % value.shape[1]]
+    )
+    total = costs.T + rest[:, None]
+    decided = (value > 0.0) & (value < np.inf)
+    table = np.where(decided[..., None] & (total < np.inf), -total, IMPOSSIBLE)
+    return table.reshape(1, -1, DIRECTION_COUNT).astype(np.float32), decided.reshape(1, -1)
 
 
 def joint_states(process: Process) -> tuple[np.ndarray, np.ndarray]:

@@ -18,12 +18,12 @@ from agent.mdp.exact import Evaluation, joint_starts
 from agent.mdp.grid import SQRT_2
 from agent.mdp.interpretations import FREE, GOAL, MAX_JOINT_STATES, Process
 from agent.mdp.joint import (
-    BLOCKED,
     IMPOSSIBLE,
     cells_after,
-    iterate_alone,
     joint_states,
+    least_alone,
     solve,
+    tables_alone,
     tabulate,
 )
 from cosim.base.errors import UserError
@@ -50,10 +50,8 @@ class Bound(NamedTuple):
 
     def of_starts(self, starts: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
         """Return means over robots of path in cells and of moves, (K,), from (K, N, 2) cells."""
-        return (
-            _of_starts(self.path_cells, starts, rows, self.relaxed),
-            _of_starts(self.steps, starts, rows, self.relaxed),
-        )
+        path_cells = _of_starts(self.path_cells, starts, rows, self.relaxed)
+        return path_cells, _of_starts(self.steps, starts, rows, self.relaxed)
 
 
 def _of_starts(costs: np.ndarray, starts: np.ndarray, rows: int, alone: bool) -> np.ndarray:
@@ -67,12 +65,9 @@ def _of_starts(costs: np.ndarray, starts: np.ndarray, rows: int, alone: bool) ->
 
 def _optimum(process: Process, costs: np.ndarray, relaxed: bool) -> np.ndarray:
     """Least costs, in the layout of `Bound`."""
-    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
-    robots, cells = after.shape[:2]
-    if relaxed or robots == 1:
-        value = np.where(after[:, :, 0] == np.arange(cells), 0.0, np.inf)
-        for i in range(robots):
-            iterate_alone(after[i], costs[:, None], value[i, :, None])
+    after = cells_after(process)
+    if relaxed or len(after) == 1:
+        value = least_alone(after, costs[:, None])[..., 0]
         return value if relaxed else value[0]
     free, end = joint_states(process)
     value = np.where(end, 0.0, np.inf)
@@ -146,25 +141,15 @@ def computed_tables(process: Process) -> tuple[np.ndarray, np.ndarray]:
             f"{cells**robots:,}); choose another method, or a smaller scenario"
         )
     value, costs = bound.path_cells, _PATH_COSTS
-    after = np.stack([cells_after(process, i) for i in range(robots)])
+    after = cells_after(process)
     if robots == 1:
-        return _tables_alone(after, costs, value[None])
+        return tables_alone(after[0], costs[:, None], value[:, None])
     free, _ = joint_states(process)
     table = np.full((2, *free.shape, DIRECTION_COUNT), IMPOSSIBLE, dtype=np.float32)
     tabulate(process, after, costs, free, value, table)
     free &= value < np.inf
     decided = np.stack([free, free.T]).reshape(2, -1)
     return table.reshape(2, -1, DIRECTION_COUNT), decided
-
-
-def _tables_alone(
-    after: np.ndarray, costs: np.ndarray, value: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what `computed_tables` returns, of robots alone."""
-    free = (value > 0.0) & (value < np.inf)
-    reached = costs + np.take_along_axis(value[:, None], after, axis=2)
-    possible = free[..., None] & (after != BLOCKED) & (reached < np.inf)
-    return np.where(possible, -reached, IMPOSSIBLE).astype(np.float32), free
 
 
 def _load(path: Path) -> Bound:

@@ -163,11 +163,9 @@ def _search(
     """Add a path to the plans of robot k, from where its last move ends.
 
     Args:
-        group, plans, counts, since: see `_is_clear`; updated.
-        axis: that it faces, from `begin` on, in s.
-        begin: see `axis`.
+        plans, counts, since: see `_is_clear`; updated.
+        axis, begin: what robot k faces, from when on in s.
         parked: bits of the robots with targets that it drives around.
-        share: see `_is_clear`.
         reached: (cells, AXIS_COUNT, _SLICES) int16, working memory: the last search that has
             reached a cell with an axis in a slice of time.
         stamp: of this search.
@@ -207,12 +205,8 @@ def _search(
             if count == len(nodes) or left == np.inf:
                 continue
             reached[q, next_axis, piece] = stamp
-            nodes[count, 0], nodes[count, 1], nodes[count, 2], clock[count] = (
-                q,
-                next_axis,
-                node,
-                then,
-            )
+            nodes[count, 0], nodes[count, 1], nodes[count, 2] = q, next_axis, node
+            clock[count] = then
             heapq.heappush(queue, (max(parks_from, then + _WEIGHT * left), np.float64(left), count))
             count += 1
     return math.inf
@@ -356,9 +350,7 @@ def _open_moves(board: Board, k: int, parked: int, after: np.ndarray) -> None:
 def group_of(process: Process, moves: ObservedMoves) -> Group:
     """Return what the robots of a process plan by; less than a second for six robots.
 
-    Args:
-        process: of at most `MOST_CELLS` cells, and of no more robots than `MOST_TIMES` permits.
-        moves: of one world.
+    It has at most `MOST_CELLS` cells and the robots that `MOST_TIMES` permits, the moves one world.
     """
     board = board_of(process, moves)
     n, cells = board.after.shape[:2]

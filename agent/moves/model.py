@@ -17,7 +17,7 @@ import numpy as np
 from cosim.base.errors import UserError
 from cosim.base.jit import inlined
 from cosim.base.reading import Kind, parsing, read_json
-from cosim.base.storage import replacing
+from cosim.base.storage import write_whole
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
@@ -60,8 +60,7 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def save(self, path: Path) -> None:
         """Write as JSON, whole or not at all."""
         content = {"schema_version": SCHEMA_VERSION} | msgspec.to_builtins(self)
-        with replacing(path) as temporary:
-            temporary.write_bytes(msgspec.json.encode(content) + b"\n")
+        write_whole(path, msgspec.json.encode(content) + b"\n")
 
     @classmethod
     def load(cls, path: Path) -> "ObservedMoves":

@@ -97,21 +97,10 @@ class _Walker:
         direction, heading, before = self._begun
         turn_s = duration_s if math.isnan(self._turn_s) else self._turn_s
         drift = (self._turned - self._from) / self._cell_m
-        self.moves.append(
-            Move(
-                direction,
-                heading,
-                self._previous,
-                int(cell[0] - before[0]),
-                int(cell[1] - before[1]),
-                round(turn_s, 6),
-                round(duration_s, 6),
-                round(float(drift[0]), 6),
-                round(float(drift[1]), 6),
-                round(float(stop[0]), 6),
-                round(float(stop[1]), 6),
-            )
-        )
+        columns, rows = (cell - before).tolist()
+        measured = turn_s, duration_s, *drift.tolist(), *stop.tolist()
+        rounded = (round(value, 6) for value in measured)
+        self.moves.append(Move(direction, heading, self._previous, columns, rows, *rounded))
         self._seen[move_kind(direction, heading)] += 1
         self._previous = direction
         self._begun = None

@@ -15,7 +15,7 @@ import numpy as np
 
 from agent.mdp.grid import STARTING_AXIS
 from agent.mdp.interpretations import Process
-from agent.mdp.joint import BLOCKED, IMPOSSIBLE, cells_after, iterate_alone
+from agent.mdp.joint import BLOCKED, cells_after, least_alone, tables_alone
 from agent.mdp.optimum import require_paths
 from agent.moves.model import KINDS, ObservedMoves, move_kind
 from cosim.base.errors import UserError
@@ -51,35 +51,19 @@ def least_times(process: Process, moves: ObservedMoves) -> np.ndarray:
     By cell x·rows + y and the axis that it faces; inf where no path leads to the target. The moves
     are of one world.
     """
-    seconds = mean_seconds(moves)
-    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
-    robots, cells = after.shape[:2]
-    parked = after[:, :, 0] == np.arange(cells)
-    value = np.repeat(np.where(parked, 0.0, np.inf)[..., None], AXIS_COUNT, axis=2)
-    for i in range(robots):
-        iterate_alone(after[i], seconds, value[i])
-    return value
+    return least_alone(cells_after(process), mean_seconds(moves))
 
 
 def fastest_tables(process: Process, moves: ObservedMoves) -> tuple[np.ndarray, np.ndarray]:
-    """Tables by which a robot alone takes the least mean time.
-
-    Args:
-        process: of one robot with features x, y and h.
-        moves: of one world.
+    """Tables by which one robot, with features x, y and h, takes the least mean time.
 
     Returns:
         Action values (1, states, 8) float32, minus the time in s that a move leads to, and (1,
         states) bool, whether there is anything to decide and a path to the target.
     """
-    value, after = least_times(process, moves)[0], cells_after(process, 0)
+    value, after = least_times(process, moves)[0], cells_after(process)[0]
     require_paths(process, value[:, STARTING_AXIS])
-    axes = np.arange(DIRECTION_COUNT) % AXIS_COUNT
-    rest = np.where(after == BLOCKED, np.inf, value[after, axes])
-    time_s = mean_seconds(moves).T + rest[:, None]
-    decided = (value > 0.0) & (value < np.inf)
-    table = np.where(decided[..., None] & (time_s < np.inf), -time_s, IMPOSSIBLE)
-    return table.reshape(1, -1, DIRECTION_COUNT).astype(np.float32), decided.reshape(1, -1)
+    return tables_alone(after, mean_seconds(moves), value)
 
 
 class Board(NamedTuple):
@@ -99,7 +83,7 @@ class Board(NamedTuple):
 
 def board_of(process: Process, moves: ObservedMoves) -> Board:
     """Return what robots plan by, on moves of one world."""
-    after = np.stack([cells_after(process, i) for i in range(len(process.terrain))])
+    after = cells_after(process)
     cells, rows = after.shape[1], process.terrain.shape[2] - 2
     at = np.stack(np.divmod(np.arange(cells), rows), axis=1)
     targets = (after[:, :, 0] == np.arange(cells)).argmax(axis=1)

@@ -81,13 +81,7 @@ def draw_world(
         floor_tilt_deg=one(ranges.floor_tilt_deg),
         payload_g=one(ranges.payload_g),
         payload_offset_mm=(one(ranges.payload_offset_mm), one(ranges.payload_offset_mm)),
-        sensor=Sensor(
-            one(ranges.rate_hz),
-            one(ranges.delay_ms),
-            one(ranges.position_noise_mm),
-            one(ranges.heading_noise_deg),
-            one(ranges.dropout),
-        ),
+        sensor=Sensor(*(one(getattr(ranges, name)) for name in Sensor.__struct_fields__)),
     )
 
 

@@ -41,7 +41,7 @@ from cosim.base.arguments import ConfigError, unknown
 from cosim.base.command import MotorParameters
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
-from cosim.calibration.measuring import calibrated_slower
+from cosim.calibration.measuring import calibrated
 from cosim.model.preset import PAPER, Preset
 from cosim.model.scenario import Scenario
 from cosim.simulation.options import DecisionOptions, Physics
@@ -157,8 +157,9 @@ METHODS: dict[str, Method] = {
 
 
 def learner(*, tables: int = 1, **facts: Any) -> Callable[[Callable[..., None]], Method]:
-    """Register a rule of tabular learning on the grid as a method: a decorator.
+    """Register a rule of tabular learning on the grid as a method, which `train` and `study` take.
 
+    A decorator that returns the method.
     The rule `(q, s, a, reward, discount, s_next, a_next, eta, coin)` updates the tables `q`
     (tables, states, 8) of one robot after a move, in code that numba compiles. `discount` is γ, and
     0 at the end of an episode; `a_next` is the action that the robot will take in `s_next`, greedy
@@ -166,9 +167,6 @@ def learner(*, tables: int = 1, **facts: Any) -> Callable[[Callable[..., None]],
 
     Args:
         facts: further fields of `Method`, such as `settings`.
-
-    Returns:
-        A decorator that returns the method, which `train` and `study` take.
     """
     algorithm = "double_q" if tables == 2 else "q"
     facts.setdefault("settings", lambda _: (ProcessConfig(), LearningConfig(algorithm=algorithm)))
@@ -178,8 +176,7 @@ def learner(*, tables: int = 1, **facts: Any) -> Callable[[Callable[..., None]],
 def computed(**facts: Any) -> Callable[[Callable[[Process], np.ndarray]], Method]:
     """Register a function from the decision process to (N, states, 8) action values: a decorator.
 
-    Args:
-        facts: further fields of `Method`, such as `settings` with features or `most_robots`.
+    `facts` are further fields of `Method`, such as `settings` with features or `most_robots`.
     """
 
     def register(function: Callable[[Process], np.ndarray]) -> Method:
@@ -290,7 +287,7 @@ def method_config(
         machine = Physics(preset=given, motor_fmu=motor_fmu, motor_parameters=motor_parameters)
         fmu = machine.fmu(progress)
         config = machine.config().sized(machine.board(scenario).diameter_m)
-        config = calibrated_slower(config, fmu, progress)
+        config = calibrated(config, fmu, progress, slower=True)
         config = config.merged(DecisionOptions(through=method.through(scenario)).tree())
         worlds = None if worlds is None else checked_ranges(worlds, config)
         moves = cached_moves(config, fmu, progress, worlds, scenario.cell_m)

@@ -69,12 +69,9 @@ def _run_episodes(
         threshold, eta = learning.epsilon_thresholds[block], learning.eta[block]
         place_randomly(process, world, cells, random)
         reset_plans(model, world, plans, random)
-        for i in range(n):
-            returns[i] = 0.0
-        moves = 0
-        diagonal = 0
+        returns[:] = 0.0
+        moves = diagonal = steps = 0
         outcome = RUNNING
-        steps = 0
         while outcome == RUNNING:
             for i in range(n):
                 if world[i, STATUS] != MOVING or not waits(plans, i):

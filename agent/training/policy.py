@@ -119,11 +119,7 @@ class Policy(GreedyPolicy):
 
     def states(self, observation: Observation) -> np.ndarray:
         """(N,) int64, row of each robot's table for an observation."""
-        checked = self.checked(observation)
-        _, states = on_grid(self.process, checked)
-        if states[0] < 0:
-            raise ValueError(f"cells {checked.cells.tolist()} are off the board")
-        return states
+        return on_grid(self.process, self.checked(observation))[1]
 
     def q_values(self, observation: Observation) -> np.ndarray:
         """See `GreedyPolicy.q_values`."""
@@ -195,12 +191,10 @@ class _OnTimes(GreedyPolicy):
     def _numbers(self, observation: Observation) -> np.ndarray:
         """Return the numbers of the robots' cells and goals, and the axes that they face."""
         checked, scenario = self.checked(observation), self.config.scenario
-        size = np.array((scenario.columns, scenario.rows))
-        if ((checked.cells < 0) | (checked.cells >= size)).any():
-            raise ValueError(f"cells {checked.cells.tolist()} are off the board")
         cells = goals = checked.cells @ (scenario.rows, 1)
         if len(checked.goals):
-            goals = checked.goals.clip(0, size - 1) @ (scenario.rows, 1)
+            last = scenario.columns - 1, scenario.rows - 1
+            goals = checked.goals.clip(0, last) @ (scenario.rows, 1)
         return np.stack([cells, goals, checked.direction % AXIS_COUNT])
 
     def alone_maps(self, board: Board, alone: np.ndarray) -> list[PolicyMap]:

@@ -80,9 +80,7 @@ def log_episode(
 ) -> None:
     """Add an episode to its point of the learning curves, if it is in the point's window.
 
-    Args:
-        curve: of `TrainingState`, updated.
-        path_cells, moves: of all robots together.
+    Path and moves are those of all robots together, returns (N,) float64 those of each.
     """
     if episode % learning.log_episodes < learning.log_episodes - learning.log_window:
         return

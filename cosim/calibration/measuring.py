@@ -175,25 +175,22 @@ def find_calibration(
     return cached(path, load_calibration, make, Calibration.save, again=again)
 
 
-def calibrated_slower(
-    config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
+def calibrated(
+    config: CoSimConfig, motor_fmu: Path, progress: Progress = silent, *, slower: bool = False
 ) -> CoSimConfig:
-    """Return a configuration as `calibrated` does, at most at the largest speed without hopping."""
+    """The configuration with the motor speeds that realise its drive speed and turn rate.
+
+    Args:
+        slower: limit the drive speed to the largest one without hopping, instead of refusing it.
+    """
     config = with_motor(config, motor_fmu)
     if config.robot.own_layout:
         return steered(config, find_primitives(config, motor_fmu, progress))
     calibration = find_calibration(config, motor_fmu, progress)
-    speeds = [config.steering.drive_speed_m_s, *(calibration.largest(d) for d in DRIVES)]
-    calibration.require_motion(config.robot.mu)
-    if min(speeds) < config.steering.drive_speed_m_s:
-        source = "computed: the largest speed without hopping"
-        config = config.having(source, drive_speed_m_s=min(speeds))
+    if slower:
+        calibration.require_motion(config.robot.mu)
+        largest = min(calibration.largest(drive) for drive in DRIVES)
+        if largest < config.steering.drive_speed_m_s:
+            source = "computed: the largest speed without hopping"
+            config = config.having(source, drive_speed_m_s=largest)
     return calibration.resolved(config)
-
-
-def calibrated(config: CoSimConfig, motor_fmu: Path, progress: Progress = silent) -> CoSimConfig:
-    """The configuration with the motor speeds that realise its drive speed and turn rate."""
-    config = with_motor(config, motor_fmu)
-    if config.robot.own_layout:
-        return steered(config, find_primitives(config, motor_fmu, progress))
-    return find_calibration(config, motor_fmu, progress).resolved(config)

@@ -48,7 +48,8 @@ FINALISTS, TRIES = 4, 6  # of every round, driven again: one drive may have been
 SPREADS = (0.06, 0.02, 0.01)  # of these changes, as shares of the largest speed, round by round
 TOGETHER = 16  # robots in a thread
 REPEATS, REPEATS_S = 12, 5.0  # with other noise, of what is found
-_STUDENT = 2.201  # 97.5 % quantile with 11 degrees of freedom
+# Of a 95 % interval of a mean, over the spread: the 97.5 % quantile with 11 degrees of freedom
+_HALF_WIDTH = 2.201 / math.sqrt(REPEATS)
 STARTS = 6  # set points of the library that are tried for longer, for each primitive
 ASIDE = 2.0  # what a motion aside costs, over what one ahead is worth
 TURNING_1_S = 2.0  # assumed: yaw rate of a driving robot per heading error, as the paper's has it
@@ -214,13 +215,10 @@ def primitive_rows(found: dict[str, Primitive], config: CoSimConfig) -> list[tup
     """Rows of a table: name, means with 95 % intervals and spread, share in the air, set points."""
     rows = []
     for name, primitive in found.items():
-        units = 1e3, 1e3, math.degrees(1.0)
-        widths = _STUDENT * np.array(primitive.spread) / math.sqrt(REPEATS)
+        units = (1e3, 1e3, math.degrees(1.0))
         motion = (
-            f"{unit * mean:.2f} ± {unit * width:.2f} (σ {unit * spread:.2f})"
-            for unit, mean, width, spread in zip(
-                units, primitive.mean, widths, primitive.spread, strict=True
-            )
+            f"{unit * mean:.2f} ± {unit * _HALF_WIDTH * spread:.2f} (σ {unit * spread:.2f})"
+            for unit, mean, spread in zip(units, primitive.mean, primitive.spread, strict=True)
         )
         can = able(primitive, name, 0.5 * config.robot.diameter_m)
         speeds = " ".join(f"{value:.0f}" for value in primitive.set_points_rad_s)
@@ -255,23 +253,18 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
                 f"{name} has no effect on a machine with motors or feet of its own, which drives "
                 "at the speeds that its primitives have; leave it out"
             )
-    sideways = {"leftwards", "rightwards"} <= can
-    none = np.zeros(config.robot.motors_count)
-    drives = [n for n in DRIVES if n in can and (sideways or n in ("forwards", "backwards"))]
+    if not {"leftwards", "rightwards"} <= can:
+        can -= {"leftwards", "rightwards"}
     speeds = {n: float(np.abs(found[n].set_points_rad_s).max()) for n in DIRECTIONS}
-    turn_speed = max(speeds["left turn"], speeds["right turn"])
-    side_speed = max(speeds["leftwards"], speeds["rightwards"]) if sideways else 0.0
-    of_speed = {"leftwards": side_speed, "rightwards": side_speed} | dict.fromkeys(
-        ("left turn", "right turn"), turn_speed
+    for pair in (("leftwards", "rightwards"), ("left turn", "right turn")):  # share a speed
+        speeds |= dict.fromkeys(pair, max(speeds[name] for name in pair))
+    speeds |= dict.fromkeys(DIRECTIONS.keys() - can, 0.0)
+    none, ahead = np.zeros(config.robot.motors_count), found["forwards"]
+    shares = (
+        np.array(found[n].set_points_rad_s) / speeds[n] if n in can else none for n in DIRECTIONS
     )
-
-    def shares(name: str) -> np.ndarray:
-        if name not in can or (name in ("leftwards", "rightwards") and not sideways):
-            return none
-        return np.array(found[name].set_points_rad_s) / of_speed.get(name, speeds[name])
-
-    ahead = found["forwards"]
-    rows = zip(*(shares(name) for name in DIRECTIONS), ahead.difference, strict=True)
+    rows = zip(*shares, ahead.difference, strict=True)
+    drives = [name for name in DRIVES if name in can]
     speed_m_s = np.mean([abs(np.array(found[n].mean) @ DIRECTIONS[n]) for n in drives])
     rate = np.mean([abs(found[n].mean[2]) for n in ("left turn", "right turn")])
     top = FASTEST * config.top_speed_rad_s
@@ -279,9 +272,9 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
         "found, see docs/steering.md",
         shares=tuple(MotorShares(*map(float, row)) for row in rows),
         forward_speed_rad_s=speeds["forwards"],
-        backward_speed_rad_s=speeds["backwards"] if "backwards" in can else 0.0,
-        side_speed_rad_s=side_speed,
-        turn_speed_rad_s=turn_speed,
+        backward_speed_rad_s=speeds["backwards"],
+        side_speed_rad_s=speeds["leftwards"],
+        turn_speed_rad_s=speeds["left turn"],
         max_speed_rad_s=top,
         drive_speed_m_s=float(speed_m_s),
         turn_rate_rad_s=float(rate),

@@ -293,9 +293,9 @@ class Motor:
         try:
             self.slave = slave = fmu.load(name, self.log)
             if fmu.size is not None:
-                sizes, count = {fmu.size: motors}, sampling[0] if sampling else None
-                if count is not None:
-                    sizes[fmu.variables[SAMPLES].valueReference] = count
+                sizes = {fmu.size: motors}
+                if sampling:
+                    sizes[fmu.variables[SAMPLES].valueReference] = sampling[0]
                 slave.enterConfigurationMode()
                 slave.setUInt64([*sizes], [*sizes.values()])
                 slave.exitConfigurationMode()
@@ -357,14 +357,12 @@ class Motor:
 
     def set_state(self, saved: bytes) -> None:
         """Restore a state from `get_state`, of this or of another instance of the FMU."""
-        state, slave = ctypes.c_void_p(), self.slave
-        content = (ctypes.c_uint8 * len(saved)).from_buffer_copy(saved)
         with self._errors_at(0.0, "does not restore its state"):
-            slave.fmi3DeserializeFMUState(slave.component, content, len(saved), ctypes.byref(state))
+            state = self.slave.deserializeFMUState(saved)
             try:
-                slave.setFMUState(state)
+                self.slave.setFMUState(state)
             finally:
-                slave.freeFMUState(state)
+                self.slave.freeFMUState(state)
 
     @contextlib.contextmanager
     def _errors_at(self, time_s: float, what: str) -> Iterator[None]:

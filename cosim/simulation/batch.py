@@ -308,7 +308,9 @@ class Batch:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles have FMU instances of their own, in the same state."""
-        return _restored, (self._arguments, self.get_state())
+        return Batch, self._arguments, self.get_state()
+
+    __setstate__ = set_state
 
     def close(self) -> None:
         """Free the FMU instances, and give up all episodes."""
@@ -320,12 +322,6 @@ def _copies(episodes: list[RunningEpisode | None]) -> list[RunningEpisode | None
     """Copies of episodes, but for what never changes."""
     constant = [x for e in episodes if e is not None for x in (e.scenario, e.config, e.drawn)]
     return copy.deepcopy(episodes, {id(x): x for x in constant})
-
-
-def _restored(arguments: tuple[Any, ...], saved: tuple[Any, ...]) -> Batch:
-    batch = Batch(*arguments)
-    batch.set_state(saved)
-    return batch
 
 
 def floor_patches(scenario: Scenario, config: CoSimConfig) -> np.ndarray:

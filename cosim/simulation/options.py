@@ -195,19 +195,15 @@ class SimulationOptions(Physics, DecisionOptions):
 
     def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
         """Limit the speed to the largest one without hopping, unless it is given."""
-        from cosim.calibration.measuring import calibrated_slower  # noqa: PLC0415 - as above
+        from cosim.calibration.measuring import calibrated  # noqa: PLC0415 - as above
         from cosim.calibration.shielding import with_stopping_distance  # noqa: PLC0415
 
-        if self.speed is not None:
-            config = super()._calibrated(config, fmu, progress)
-        else:
-            config = calibrated_slower(config, fmu, progress)
-            if self.time_limit is None:
-                slower = STEERING.drive_speed_m_s / config.steering.drive_speed_m_s
-                limit_s = math.ceil(slower * config.timing.episode_limit_s)
-                if slower > 1.0:
-                    source = "computed: longer in proportion where robots are slower"
-                    config = config.having(source, episode_limit_s=limit_s)
+        config = calibrated(config, fmu, progress, slower=self.speed is None)
+        slower = STEERING.drive_speed_m_s / config.steering.drive_speed_m_s
+        if self.speed is None and self.time_limit is None and slower > 1.0:
+            limit_s = math.ceil(slower * config.timing.episode_limit_s)
+            source = "computed: longer in proportion where robots are slower"
+            config = config.having(source, episode_limit_s=limit_s)
         return with_stopping_distance(config, fmu, progress) if config.shield else config
 
 

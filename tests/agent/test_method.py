@@ -45,7 +45,7 @@ def double_q(q, s, a, reward, discount, s_next, a_next, eta, coin):
 @computed(settings=lambda _: (ProcessConfig(features=("x", "y")), LearningConfig()), most_robots=1)
 def straight(process):
     """Straight on: minus the distance from the target after a move."""
-    after, rows = cells_after(process, 0), process.terrain.shape[2] - 2
+    after, rows = cells_after(process)[0], process.terrain.shape[2] - 2
     target = np.flatnonzero(after[:, 0] == np.arange(len(after)))[0]
     x, y = np.divmod(after, rows)
     away = np.hypot(x - target // rows, y - target % rows)
@@ -122,7 +122,7 @@ def test_on_moves_a_collision_costs_more_than_any_detour():
 
 def test_moves_are_observed_with_the_motors_and_in_the_worlds_that_are_given(monkeypatch, command):
     moves, seen = method_config("moves", find_scenario("4")).moves, []
-    monkeypatch.setattr(methods, "calibrated_slower", lambda config, *_: config)
+    monkeypatch.setattr(methods, "calibrated", lambda config, *_, slower: config)
     monkeypatch.setattr(methods, "cached_moves", lambda *given: seen.append(given) or moves)
     given = (("J", 5e-9),)
     assert method_config("moves", find_scenario("1b"), motor_parameters=given).moves == moves

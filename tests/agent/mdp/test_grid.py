@@ -16,7 +16,7 @@ from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import MAX_STARTS, joint_starts
 from agent.mdp.interpretations import OBSTACLE, build_process
-from agent.mdp.rewards import step_reward
+from agent.mdp.rewards import reward_parts
 from agent.mdp.rng import seeded_state
 from agent.study.grid import grid_row
 from agent.training.learning import initial_state
@@ -346,4 +346,5 @@ def test_what_a_step_costs(per, expected):
         duration_s=0.1,
         moved_m=np.array([0.003, 0.0]),
     )
-    assert step_reward(process, step, np.zeros(2, dtype=bool)) == pytest.approx(expected)
+    parts = reward_parts(process, step, np.zeros(2, dtype=bool))
+    assert parts.sum(axis=1) == pytest.approx(expected)

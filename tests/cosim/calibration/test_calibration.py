@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import UserError
-from cosim.calibration.measuring import calibrated, calibrated_slower, digest, find_calibration
+from cosim.calibration.measuring import calibrated, digest, find_calibration
 from cosim.calibration.speed_map import MANOEUVRES, Calibration, load_calibration
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.fmi.motor import MotorFmu
@@ -158,6 +158,6 @@ def test_friction_changes_neither_speed_nor_turn_rate(motor_fmu, mu):
 def test_bouncing_robots_are_steered_below_hopping(motor_fmu):
     """With a restitution of 0.7 faster motors are slower: the same speed has two motor speeds."""
     config = CoSimConfig().in_world(World(restitution=0.7))
-    steering = calibrated_slower(config, motor_fmu).steering
+    steering = calibrated(config, motor_fmu, slower=True).steering
     drives = steering.turn_speed_rad_s, steering.forward_speed_rad_s, steering.backward_speed_rad_s
     assert max(drives) <= steering.max_speed_rad_s < config.lift_off_rad_s
