@@ -53,7 +53,9 @@ class Options(Checked):
     """Robots of every machine."""
 
 
-def observed(engine: Callable[..., np.ndarray], values: np.ndarray, seed: int, config: CoSimConfig):
+def observed(
+    engine: Callable[..., np.ndarray], values: np.ndarray, seed: int, config: CoSimConfig
+) -> SeenTrack:
     """Return the track of a robot with some values."""
     period_s, delay_s = config.timing.control_period_s, 1e-3 * CAMERA.delay_ms
     sequence = np.array(list(dict.fromkeys(excitation(config))))

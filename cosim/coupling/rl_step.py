@@ -93,9 +93,9 @@ class Step(NamedTuple):
         """The step as that of the sampled robots alone, but for `poses`."""
         chosen = np.array(self.sampled, dtype=int)
 
-        def seen(observation: Observation) -> Observation:
+        def chosen_of(observation: Observation) -> Observation:
             return Observation(*(part[chosen] if len(part) else part for part in observation))
 
         per_robot = ("action", "decided", "completed", "events", "moved_m")
         parts = {name: getattr(self, name)[chosen] for name in per_robot}
-        return self._replace(before=seen(self.before), after=seen(self.after), **parts)
+        return self._replace(before=chosen_of(self.before), after=chosen_of(self.after), **parts)

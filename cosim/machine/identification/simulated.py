@@ -348,7 +348,7 @@ def _drive(
                 for motor in range(count):
                     turning[count + motor, column] = end[motor, column]
                 if (period + 1) % every == 0:
-                    _look(bodies, properties, column, seen[(period + 1) // every])
+                    _observe(bodies, properties, column, seen[(period + 1) // every])
 
 
 @unrolled
@@ -397,7 +397,7 @@ def turned(
 
 
 @inlined
-def _look(bodies: np.ndarray, properties: np.ndarray, column: int, seen: np.ndarray) -> None:
+def _observe(bodies: np.ndarray, properties: np.ndarray, column: int, seen: np.ndarray) -> None:
     body = bodies[:, column]
     q = orientation_of(body)
     axes = rotation_matrix(q)

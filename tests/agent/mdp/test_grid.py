@@ -182,7 +182,7 @@ def test_only_robots_that_touch_fail():
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2)])
-def test_leaving_the_board_outranks_a_collision_whoever_does_it(order):
+def test_leaving_the_board_outranks_a_collision_of_any_robot(order):
     cells, actions = [(0, 5), (10, 5), (16, 5)], [W, E, W]
     starts = tuple((cells[k],) for k in order)
     process = process_of(Scenario("row", "", ((5, 20), (11, 20), (25, 20)), starts))

@@ -433,7 +433,7 @@ def test_worlds_are_within_their_ranges():
 
 
 def test_every_walk_has_a_world_of_its_own(monkeypatch):
-    """In one batch, and the same whoever shares it."""
+    """In one batch, and the same whatever else is in it."""
     monkeypatch.setattr(observe, "WALKS_OF_WORLDS", 2)
     seen = []
     begin = observe.Batch.begin

@@ -71,7 +71,7 @@ def test_yielding_never_leads_off_the_board():
 
 
 class Straight:
-    """Drives every robot straight at its target, whoever stands there."""
+    """Drives every robot straight at its target, even if another robot is there."""
 
     def act(self, observation):
         offsets = np.array(FACING.targets) - observation.cells

@@ -47,7 +47,7 @@ def test_robots_reach_their_targets_and_stop_at_the_centres(short):
         assert final == pytest.approx(SHORT.centre_m(target), abs=2e-3)
 
 
-def test_whoever_thinks_to_be_off_the_board_is_at_its_edge(motor_fmu):
+def test_a_robot_that_thinks_to_be_off_the_board_is_at_its_edge(motor_fmu):
     """A camera that is wrong by decimetres puts robots off the board; policies never see that."""
     world = World(sensor=Sensor(rate_hz=30.0, position_noise_mm=100.0))
     system = CoSimulation(SHORT, motor_fmu, CoSimConfig().in_world(world))
