@@ -127,10 +127,14 @@ def digest_of_sources(model: Model) -> str:
     return digest_of(code, FLAGS)
 
 
-@functools.cache
 def built_in_model(path: Path) -> Model | None:
     """Return the model of a file that `cached_fmu` returns; None for any other file."""
-    if path.parent != _CARRIED and path.parent.parent != cache_dir("fmus"):
+    return _model_at(path, cache_dir("fmus"))
+
+
+@functools.cache
+def _model_at(path: Path, cache: Path) -> Model | None:
+    if path.parent != _CARRIED and path.parent.parent != cache:
         return None
     return next((m for m in MODELS if path.stem == m and path == _place(m)), None)
 

@@ -164,6 +164,13 @@ def test_flags_and_origin_are_part_of_a_build(monkeypatch, tmp_path, name, other
     assert build.cached_fmu(MODEL) != before
 
 
+def test_an_fmu_is_built_in_as_long_as_its_cache_is_the_cache(motor_fmu, monkeypatch, tmp_path):
+    with monkeypatch.context() as patch:
+        patch.setenv("MINIROBOTS_CACHE", str(tmp_path))
+        assert not build.built_in_model(motor_fmu)
+    assert build.built_in_model(motor_fmu) == MODEL
+
+
 def test_a_replay_takes_another_build_of_the_fmu_that_was_recorded(
     motor_fmu, monkeypatch, tmp_path
 ):
