@@ -31,6 +31,7 @@ from cosim.onboard.estimation import POSE
 from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D
 from cosim.physics.body_state import X, Y, orientation_of, standing_state
 from cosim.physics.rotation import heading
+from cosim.physics.trig import sines_cosines
 from cosim.simulation.driving import DriveObservation, in_frames, refuse_without_effect, velocities
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.measures import Measures
@@ -68,7 +69,8 @@ def _locate(
     for i in range(len(poses)):
         poses[i, 0], poses[i, 1] = bodies[X, i], bodies[Y, i]
         poses[i, 2] = heading(orientation_of(bodies[:, i]))
-        away_m[i] = math.hypot(bodies[X, i] - targets_m[i, 0], bodies[Y, i] - targets_m[i, 1])
+        dx, dy = bodies[X, i] - targets_m[i, 0], bodies[Y, i] - targets_m[i, 1]
+        away_m[i] = math.sqrt(dx * dx + dy * dy)
 
 
 class DrivePolicy:
@@ -199,7 +201,7 @@ class DriveBoards(DynamicsBoards):
                 positions = drawn * size_m
             else:
                 away, angle = reach_m * np.sqrt(drawn[:, 0]), 2.0 * math.pi * drawn[:, 1]
-                positions = around + np.column_stack([away * np.cos(angle), away * np.sin(angle)])
+                positions = around + (away * sines_cosines(angle)[::-1]).T
             if self._free(positions, REACHED_M):
                 return positions
         raise ConfigError(
@@ -421,7 +423,7 @@ def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -
         worlds: (R, 5) of `Driven`, to observe as well; None for none.
     """
     poses, velocities, speeds, targets_m = motion[:4]
-    steering, sin, cos = motion.config.steering, np.sin(poses[:, 2]), np.cos(poses[:, 2])
+    steering, (sin, cos) = motion.config.steering, sines_cosines(poses[:, 2])
     error_m = in_frames(targets_m - poses[:, :2], cos, sin)
     parts = [
         error_m / _LENGTH_M,
@@ -431,12 +433,12 @@ def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -
         velocities[:, :2] / steering.drive_speed_m_s,
         velocities[:, 2:] / steering.turn_rate_rad_s,
         speeds / steering.max_speed_rad_s,
-        error_m / np.maximum(np.hypot(*error_m.T), 1e-9)[:, None],
+        error_m / np.maximum(np.linalg.norm(error_m, axis=1), 1e-9)[:, None],
     ]
     if robots > 1:
         positions = poses[:, :2].reshape(-1, robots, 2)
         apart = positions[:, None] - positions[:, :, None]
-        gaps = np.hypot(apart[..., 0], apart[..., 1]) + np.diag([np.inf] * robots)
+        gaps = np.linalg.norm(apart, axis=2) + np.diag([np.inf] * robots)
         nearest = np.take_along_axis(apart, gaps.argmin(axis=2)[..., None, None], axis=2)
         parts.append(in_frames(nearest.reshape(-1, 2), cos, sin) / _LENGTH_M)
     if worlds is not None:

@@ -24,9 +24,10 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import MotorShares
 from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
 from cosim.physics.body_state import QUATERNION
+from cosim.physics.trig import normals
 from fmus.build import identity_of_fmu
 
-VERSION = 1  # of primitives: raise it when their bits change
+VERSION = 2  # of primitives: raise it when their bits change
 
 # Directions (ahead, left, counter-clockwise) of the primitives.
 DIRECTIONS = {
@@ -122,7 +123,8 @@ class _Search:
         moving = best != 0.0
         slopes = np.zeros((4, len(best)))
         for spread in SPREADS:
-            changes = spread * self.top * rng.standard_normal((CHANGES, len(best))) * moving
+            drawn = normals(rng.random((CHANGES, 2 * len(best))))[:, : len(best)]
+            changes = spread * self.top * drawn * moving
             tried = np.clip(best + changes, -self.top, self.top)
             tried[0] = best
             motion = self.drive(tried, CHANGES_S)
@@ -138,9 +140,9 @@ class _Search:
             ahead = towards @ fitted[:3]
             ahead = ahead - np.linalg.pinv(constraint, rcond=1e-3) @ (constraint @ ahead)
             ahead *= spread * self.top / max(float(np.abs(ahead).max()), 1e-30)
-            candidates = np.clip(
-                [best + cure, best + cure + ahead, best + 0.5 * cure, *tried], -self.top, self.top
-            )
+            candidates = [best + cure, best + cure + ahead, best + 0.5 * cure, *tried]
+            # Linear algebra rounds otherwise on other processors: fewer digits hide that.
+            candidates = np.clip(np.round(candidates, 1), -self.top, self.top)
             measured = np.concatenate([self.drive(candidates[:3], CHANGES_S), motion])
             finalists = candidates[np.argsort(self.score(measured, towards))[-FINALISTS:]]
             again = self.drive(np.repeat(finalists, TRIES, axis=0), CHANGES_S)
@@ -160,8 +162,8 @@ class _Search:
             tuple(mean.tolist()),
             tuple(spread.tolist()),
             float(motion[:, 3].max()),
-            tuple((turning / largest).tolist()),
-            1.0 / largest,
+            tuple(np.round(turning / largest, 6).tolist()),
+            float(f"{1.0 / largest:.6g}"),
         )
 
 

@@ -29,9 +29,10 @@ from cosim.model.world import World
 from cosim.onboard.shield import stopping_gap
 from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D
 from cosim.physics.body_state import PLANE
+from cosim.physics.trig import sine_cosine, sines_cosines
 from fmus.build import identity_of_fmu
 
-VERSION = 1  # of stopping distances and errors of estimates: raise it when their bits change
+VERSION = 2  # of stopping distances and errors of estimates: raise it when their bits change
 MOST_GAP = 0.5  # assumed: of the robots' diameter; with more there is no way past each other
 _FLOOR = ("motor_spread", "restitution", "floor_tilt_deg", "payload_g", "payload_offset_mm")
 ROBOTS, TRIALS, ROUNDS = 64, 4, 8  # 2048 stops
@@ -100,10 +101,10 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
             at = trial.advance(round(slower * REST_S / period_s), rest).position[:, :, :2]
             ticks = [raw.position[:, :robots, :2] for raw in (first, rest)]
             path_m[:, stop] = path_diameter(np.concatenate([before[None], *ticks, at]))
-            restless = np.hypot(*(at - at[-1]).transpose(2, 0, 1)) > 1e-6
+            restless = np.linalg.norm(at - at[-1], axis=2) > 1e-6
             rest_s[:, stop] = period_s * restless.sum(axis=0)
         held = trial.advance(round(_HELD_S / period_s)).position[[0, -1], :, :2]
-    return Stops(path_m, rest_s, np.hypot(*(held[1] - held[0]).T) / _HELD_S)
+    return Stops(path_m, rest_s, np.linalg.norm(held[1] - held[0], axis=1) / _HELD_S)
 
 
 def _slower(config: CoSimConfig) -> float:
@@ -112,9 +113,9 @@ def _slower(config: CoSimConfig) -> float:
 
 def path_diameter(path: np.ndarray) -> np.ndarray:
     """Return an upper bound (N,) on the diameter of paths (n, N, 2), at most 0.2 % above it."""
-    angles = np.pi * np.arange(_WIDTHS) / _WIDTHS
-    widths = [np.ptp(path @ (np.cos(a), np.sin(a)), axis=0) for a in angles]
-    return np.max(widths, axis=0) / math.cos(0.5 * np.pi / _WIDTHS)
+    angles = sines_cosines(np.pi * np.arange(_WIDTHS) / _WIDTHS).T
+    widths = [np.ptp(c * path[..., 0] + s * path[..., 1], axis=0) for s, c in angles]
+    return np.max(widths, axis=0) / sine_cosine(0.5 * np.pi / _WIDTHS)[1]
 
 
 def bound_of(path_m: np.ndarray) -> float:
@@ -153,7 +154,6 @@ def _reduced(config: CoSimConfig, *fields: str) -> CoSimConfig:
         config,
         timing=TIMING._replace(**{name: getattr(config.timing, name) for name in clock}),
         world=World(**{name: getattr(config.world, name) for name in fields}),
-        portable=False,
         on_collision="end",
         through=False,
         shield=None,

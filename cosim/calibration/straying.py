@@ -18,7 +18,6 @@ from cosim.calibration.trial import corners, heading_angles, trial_in_world
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import EstimatorParams
-from cosim.model.world import CAMERA_CHILD, generator
 from cosim.onboard.camera import (
     FRAME_SIZE,
     NOISE,
@@ -32,6 +31,8 @@ from cosim.onboard.estimation import ESTIMATE_SIZE, ODOMETRY, POSE
 from cosim.onboard.shield import variance_of
 from cosim.onboard.steering import DIRECTION, GOAL_X, GOAL_Y, HOLD, MODE, START, THROUGH
 from cosim.physics.body_state import PLANE
+from cosim.physics.draws import CAMERA_CHILD, generator
+from cosim.physics.trig import sines_cosines
 
 ROBOTS, LENGTH_S = 48, 12.0
 RESERVE = 1.25  # assumed: over the largest bias that was measured
@@ -72,8 +73,7 @@ def drive_about(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -> T
             due = np.flatnonzero(until <= trial.time_s)
             until[due] = trial.time_s + rng.uniform(*_COMMAND_S, len(due))
             direction = np.where(same[due], usual[due], rng.uniform(-np.pi, np.pi, len(due)))
-            ahead = np.array([np.cos(direction), np.sin(direction)])
-            along = rng.uniform(*_LINE_M, len(due)) * ahead
+            along = rng.uniform(*_LINE_M, len(due)) * sines_cosines(direction)[::-1]
             place = trial.estimates[due, POSE : POSE + 2] if k else trial.bodies[PLANE, due].T
             trial.commands[due, DIRECTION] = direction
             trial.commands[due, GOAL_X : GOAL_Y + 1] = place + along.T

@@ -5,7 +5,6 @@ array (layout in `cosim.onboard.steering`); the dynamics, the FMUs and the noise
 episode.
 """
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,12 +23,13 @@ from cosim.coupling.signals import (
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import MotorParams, motors_of
-from cosim.model.world import draw_world
 from cosim.onboard.camera import NOISE, camera_of, frames_in_flight
 from cosim.physics.body_state import QUATERNION, standing_state
+from cosim.physics.draws import draw_world
 from cosim.physics.lanes import host_lanes
 from cosim.physics.properties import gravity
 from cosim.physics.rotation import Vector, headings
+from cosim.physics.trig import sines_cosines
 
 # Robots never meet: a trial takes minutes at some mm/s. Coordinates stay small enough for a
 # rounding error of a femtometre, which is that of a board.
@@ -139,7 +139,7 @@ def trial_in_world(
     """Return a trial with motors and slope drawn from the configuration's world."""
     motors = motors_of(config.robot, config.motor)
     drawn = draw_world(config.world, motors, len(headings_rad), seed)
-    slope = gravity(config.world, drawn, config.motor.g, config.portable)
+    slope = gravity(config.world, drawn, config.motor.g)
     return Trial(motor_fmu, config, headings_rad, seed, drawn.motors, slope, sight)
 
 
@@ -169,8 +169,7 @@ def mean_motion(poses: np.ndarray, period_s: float) -> np.ndarray:
     """
     angles = heading_angles(poses[:, :, QUATERNION])
     moved, middle = np.diff(poses[:, :, :2], axis=0), 0.5 * (angles[1:] + angles[:-1])
-    # Library functions: numpy's round otherwise where a processor has wider vectors.
-    c, s = (np.vectorize(function)(middle) for function in (math.cos, math.sin))
+    s, c = sines_cosines(middle)
     ahead = (c * moved[..., 0] + s * moved[..., 1]).sum(axis=0)
     left = (c * moved[..., 1] - s * moved[..., 0]).sum(axis=0)
     return np.column_stack([ahead, left, angles[-1] - angles[0]]) / (len(moved) * period_s)

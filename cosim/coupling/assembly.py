@@ -25,9 +25,9 @@ from cosim.model.params import (
     mounts_of,
     open_loop_voltage,
 )
-from cosim.model.world import generator
 from cosim.physics.collision import FASTEST_M_S, PairParams
 from cosim.physics.contact import paired
+from cosim.physics.draws import generator
 from cosim.physics.forces import motor_mounts
 from cosim.physics.properties import body_params, properties_of
 from cosim.physics.rotation import Vector
@@ -60,7 +60,6 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
         ticks_per_period=config.ticks_per_period,
         ticks_per_step=config.ticks_per_step,
         reaction=config.reaction,
-        portable=config.portable,
         open_loop=config.voltage_driven,
         volts_per_speed=volts_per_speed,
         friction_volts=friction_volts,

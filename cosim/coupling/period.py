@@ -97,7 +97,6 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
                     state.near_zone,
                     plant.pair.diameter,
                     plant.shield,
-                    plant.portable,
                 )
         for column in range(first, first + robots):
             if not state.running[episode]:
@@ -145,11 +144,9 @@ def _motor_input(plant: Plant, omega: float) -> float:
 def _locate(plant: Plant, state: State, column: int) -> None:
     """Find out where a robot is, as far as it can be known."""
     body, camera, sight = state.bodies[:, column], state.cameras[column], state.sight[:, column]
-    pose = (body[X], body[Y], heading(orientation_of(body), plant.portable))
+    pose = (body[X], body[Y], heading(orientation_of(body)))
     estimate = state.estimates[column]
-    update_estimate(
-        camera, state.frames[column], estimate, sight, pose, plant.estimator, plant.portable
-    )
+    update_estimate(camera, state.frames[column], estimate, sight, pose, plant.estimator)
 
 
 @inlined
@@ -158,7 +155,7 @@ def _steer(plant: Plant, state: State, column: int, period_s: float) -> None:
     command, estimate = state.commands[column], state.estimates[column]
     x, y, angle = estimate[POSE], estimate[POSE + 1], estimate[POSE + 2]
     set_points = state.set_points[:, column]
-    steer(command, x, y, angle, period_s, plant.steering, set_points, plant.portable)
+    steer(command, x, y, angle, period_s, plant.steering, set_points)
     driven = False
     for k in range(len(plant.mounts)):
         driven = driven or set_points[k] != 0.0
@@ -166,7 +163,7 @@ def _steer(plant: Plant, state: State, column: int, period_s: float) -> None:
         pulse(command, period_s, plant.steering, set_points)
     if state.cameras[column, INTERVAL] > 0.0:
         commanded = command[SPEED], command[COURSE], command[YAW_RATE], driven
-        take_command(estimate, *commanded, period_s, plant.estimator, plant.portable)
+        take_command(estimate, *commanded, period_s, plant.estimator)
 
 
 @inlined
@@ -285,7 +282,7 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
     estimate = state.estimates[column]
     if state.cameras[column, INTERVAL] == 0.0:  # what decides next knows the pose of now
         estimate[POSE], estimate[POSE + 1] = body[X], body[Y]
-        estimate[POSE + 2] = heading(orientation_of(body), plant.portable)
+        estimate[POSE + 2] = heading(orientation_of(body))
     for k in range(3):
         samples.estimate[row, column, k] = estimate[POSE + k]
         for i in range(k + 1):

@@ -69,7 +69,6 @@ class Plant(NamedTuple):
     ticks_per_period: int  # ticks of dt per control period
     ticks_per_step: int  # ticks of dt per communication step with the FMUs
     reaction: bool  # whether the motors feel the acceleration of the body
-    portable: bool  # whether angles have the same bits on every machine, see `cosim.physics.trig`
     open_loop: bool  # whether the motors' input is a voltage instead of a set point
     # volts_per_speed, friction_volts: that voltage, see `cosim.model.params.open_loop_voltage`
     volts_per_speed: float

@@ -80,7 +80,6 @@ class CoSimConfig:
     steering: params.SteeringParams = params.STEERING
     estimator: params.EstimatorParams = params.ESTIMATOR
     reaction: Annotated[bool, _option("whether motors feel the body's acceleration")] = False
-    portable: Annotated[bool, _option("whether no angle is computed by the C library")] = False
     on_collision: Annotated[
         OnCollision, _option("what a contact with a robot or an obstacle does")
     ] = "end"

@@ -392,7 +392,7 @@ def mounts_of(robot: RobotParams) -> tuple[Mount, ...]:
 
 def level_share(axis: Place) -> float:
     """Share of gravity that turns a mass about a shaft: the sine of its angle to the vertical."""
-    return math.hypot(axis[0], axis[1])
+    return math.sqrt(axis[0] * axis[0] + axis[1] * axis[1])
 
 
 def motors_of(robot: RobotParams, motor: MotorParams) -> tuple[MotorParams, ...]:

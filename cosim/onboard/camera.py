@@ -11,6 +11,7 @@ from cosim.base.jit import inlined
 from cosim.model.params import EstimatorParams
 from cosim.model.world import Sensor
 from cosim.onboard.estimation import POSE, Pose, correct, estimate_now, odometry, start_estimate
+from cosim.physics.trig import normals
 
 # Layout of one robot's camera, float64; times in control periods.
 INTERVAL = 0  # between frames, 0 without a camera
@@ -36,8 +37,8 @@ def camera_of(sensor: Sensor, control_period_s: float) -> np.ndarray:
         camera[INTERVAL] = max(1.0, 1.0 / (sensor.rate_hz * control_period_s))
         camera[DELAY] = round(1e-3 * sensor.delay_ms / control_period_s)
         camera[_ROOM] = frames_in_flight(sensor)
-        camera[POSITION_VARIANCE] = (1e-3 * sensor.position_noise_mm) ** 2
-        camera[HEADING_VARIANCE] = math.radians(sensor.heading_noise_deg) ** 2
+        camera[POSITION_VARIANCE] = np.square(1e-3 * sensor.position_noise_mm)
+        camera[HEADING_VARIANCE] = np.square(math.radians(sensor.heading_noise_deg))
     return camera
 
 
@@ -53,7 +54,7 @@ def frames_within(sensor: Sensor, seconds: float) -> int:
 
 def draw_sight(sensor: Sensor, rng: np.random.Generator, frames: int) -> np.ndarray:
     """Draw the camera's noise of one robot in some frames, shape (frames, NOISE)."""
-    sight = rng.standard_normal((frames, NOISE))
+    sight = normals(rng.random((frames, NOISE)))
     sight[:, :2] *= 1e-3 * sensor.position_noise_mm
     sight[:, 2] *= math.radians(sensor.heading_noise_deg)
     sight[:, 3] = rng.random(frames) >= sensor.dropout
@@ -68,7 +69,6 @@ def update_estimate(
     sight: np.ndarray,
     pose: Pose,
     params: EstimatorParams,
-    portable: bool = False,
 ) -> None:
     """Bring a robot's estimate to the start of a control period.
 
@@ -106,7 +106,6 @@ def update_estimate(
                 camera[POSITION_VARIANCE],
                 camera[HEADING_VARIANCE],
                 params,
-                portable,
             )
-    estimate_now(estimate, params, portable)
+    estimate_now(estimate, params)
     camera[_NOW] = now + 1.0

@@ -14,7 +14,7 @@ import numpy as np
 from cosim.base.jit import inlined
 from cosim.model.params import EstimatorParams
 from cosim.physics.rotation import wrapped
-from cosim.physics.trig import sine_and_cosine
+from cosim.physics.trig import sine_cosine
 
 # Layout of one robot's estimate, float64.
 POSE = 0  # now
@@ -40,23 +40,21 @@ def _put(estimate: np.ndarray, at: int, pose: Pose) -> None:
 
 
 @inlined
-def _between(first: Commanded, second: Commanded, portable: bool) -> Commanded:
+def _between(first: Commanded, second: Commanded) -> Commanded:
     """Return the motion from one pose to another in the frame of the first, and its seconds."""
-    s, c = sine_and_cosine(first[2], portable)
+    s, c = sine_cosine(first[2])
     dx, dy = second[0] - first[0], second[1] - first[1]
     return c * dx + s * dy, c * dy - s * dx, second[2] - first[2], second[3] - first[3]
 
 
 @inlined
-def _predict(
-    estimate: np.ndarray, to: int, motion: Commanded, params: EstimatorParams, portable: bool
-) -> None:
+def _predict(estimate: np.ndarray, to: int, motion: Commanded, params: EstimatorParams) -> None:
     """Write the filter's pose after a motion, and its covariance behind it, to `to`.
 
     Only a robot that is driven strays from what is commanded: at rest its variance does not grow.
     """
     x, y, heading = _pose(estimate, _STATE)
-    s, c = sine_and_cosine(heading, portable)
+    s, c = sine_cosine(heading)
     dx, dy = c * motion[0] - s * motion[1], s * motion[0] + c * motion[1]
     # Eq. (K1): the pose after the commanded motion
     _put(estimate, to, (x + dx, y + dy, wrapped(heading + motion[2])))
@@ -105,7 +103,6 @@ def take_command(
     driven: bool,
     seconds: float,
     params: EstimatorParams,
-    portable: bool = False,
 ) -> None:
     """Add up the commanded motion of a control period: m/s, rad from the heading, rad/s, and s.
 
@@ -117,7 +114,7 @@ def take_command(
     x, y, heading = _pose(estimate, ODOMETRY)
     # by the heading in the middle: exact to third order
     middle = heading + 0.5 * yaw_rate * seconds
-    s, c = sine_and_cosine(middle + course, portable)
+    s, c = sine_cosine(middle + course)
     x += speed * seconds * c
     y += speed * seconds * s
     _put(estimate, ODOMETRY, (x, y, heading + yaw_rate * seconds))
@@ -131,7 +128,6 @@ def correct(
     position_variance: float,
     heading_variance: float,
     params: EstimatorParams,
-    portable: bool = False,
 ) -> None:
     """Take a frame that has arrived.
 
@@ -139,8 +135,8 @@ def correct(
         reference: `odometry` when it was taken.
         position_variance, heading_variance: of the camera, m² and rad².
     """
-    motion = _between(odometry(estimate, _REFERENCE), reference, portable)
-    _predict(estimate, _STATE, motion, params, portable)
+    motion = _between(odometry(estimate, _REFERENCE), reference)
+    _predict(estimate, _STATE, motion, params)
     for k in range(4):
         estimate[_REFERENCE + k] = reference[k]
     sigma = estimate[_SIGMA : _SIGMA + 9]
@@ -165,7 +161,7 @@ def correct(
 
 
 @inlined
-def estimate_now(estimate: np.ndarray, params: EstimatorParams, portable: bool = False) -> None:
+def estimate_now(estimate: np.ndarray, params: EstimatorParams) -> None:
     """Predict the present estimate from the last frame that has arrived."""
-    motion = _between(odometry(estimate, _REFERENCE), odometry(estimate), portable)
-    _predict(estimate, POSE, motion, params, portable)
+    motion = _between(odometry(estimate, _REFERENCE), odometry(estimate))
+    _predict(estimate, POSE, motion, params)

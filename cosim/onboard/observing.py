@@ -85,7 +85,7 @@ def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...
     scenario.require_free_starts()
     contact = distance_thresholds(scenario).contact
     for _ in range(DRAWS):
-        starts = tuple(cells[rng.integers(len(cells))] for cells in scenario.starts)
+        starts = tuple(cells[int(len(cells) * rng.random())] for cells in scenario.starts)
         if touching_pair(starts, contact) is None:
             return starts
     raise UserError(

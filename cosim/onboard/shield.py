@@ -27,7 +27,7 @@ from cosim.onboard.steering import (
 )
 from cosim.physics.collision import away_from
 from cosim.physics.neighbours import FOUND, HEAD, NEXT, Grid, find_near, list_by_cells
-from cosim.physics.trig import sine_and_cosine
+from cosim.physics.trig import sine_cosine
 
 # Layout of what the shield knows of one robot, float64.
 PARKED = 0  # 1.0: it has arrived, and does not retreat
@@ -66,7 +66,6 @@ def guard(
     near_zone: np.ndarray,
     diameter_m: float,
     params: ShieldParams,
-    portable: bool = False,
 ) -> None:
     """Stop the robots of an episode that lack room, and let one of them in each zone retreat.
 
@@ -111,7 +110,7 @@ def guard(
                 shield[STOPS] += 1.0
             if room < 0.0 or shield[PARKED] > 0.0:
                 continue
-            s, c = sine_and_cosine(estimates[i, POSE + 2], portable)
+            s, c = sine_cosine(estimates[i, POSE + 2])
             cosine = c * away_x + s * away_y
             # Fewest failures first, then the one that faces most along the line, then the last.
             merit = abs(cosine) - 2.0 * shield[FAILURES]
@@ -122,18 +121,16 @@ def guard(
             sense = 1.0 if along >= 0.0 else -1.0
             if shields[chosen, FAILURES] % 2.0 == 1.0:
                 sense = -sense
-            _retreat(commands[chosen], estimates[chosen], sense, params.retreat_m, portable)
+            _retreat(commands[chosen], estimates[chosen], sense, params.retreat_m)
 
 
 @inlined
-def _retreat(
-    command: np.ndarray, estimate: np.ndarray, sense: float, length_m: float, portable: bool
-) -> None:
+def _retreat(command: np.ndarray, estimate: np.ndarray, sense: float, length_m: float) -> None:
     """Command a straight line along the robot's axis, forwards (1.0) or backwards (−1.0)."""
     heading = estimate[POSE + 2]
     command[MODE], command[SENSE] = RETREAT, sense
     command[DIRECTION] = heading if sense > 0.0 else heading + math.pi
-    s, c = sine_and_cosine(heading, portable)
+    s, c = sine_cosine(heading)
     command[GOAL_X] = estimate[POSE] + sense * length_m * c
     command[GOAL_Y] = estimate[POSE + 1] + sense * length_m * s
 

@@ -19,7 +19,7 @@ import numpy as np
 from cosim.base.jit import inlined
 from cosim.model.params import MAX_MOTORS, SteeringParams
 from cosim.physics.rotation import wrapped
-from cosim.physics.trig import arctangent, sine_and_cosine
+from cosim.physics.trig import arctangent, sine_cosine
 
 HOLD, START, TURN, DRIVE, DIRECT, PAST, RETREAT = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0
 MODE_NAMES = ("hold", "start", "turn", "drive", "direct", "drive on", "retreat")
@@ -54,7 +54,6 @@ def steer(
     period_s: float,
     params: SteeringParams,
     set_points: np.ndarray,
-    portable: bool = False,
 ) -> None:
     """Compute the set points of the motors for one control period.
 
@@ -73,7 +72,7 @@ def steer(
         set_points[k] = command[OMEGA_D + k] if command[MODE] == DIRECT else 0.0
     if command[MODE] == HOLD or command[MODE] == DIRECT:
         return
-    uy, ux = sine_and_cosine(command[DIRECTION], portable)
+    uy, ux = sine_cosine(command[DIRECTION])
     dx, dy = command[GOAL_X] - x, command[GOAL_Y] - y
     remaining = ux * dx + uy * dy
     if remaining <= 0.0:
@@ -85,7 +84,7 @@ def steer(
 
     left_of_line = uy * dx - ux * dy
     lookahead = min(params.lookahead_m, max(params.least_lookahead_m, remaining))
-    course = command[DIRECTION] - arctangent(left_of_line / lookahead, portable)
+    course = command[DIRECTION] - arctangent(left_of_line / lookahead)
     error = wrapped(course - heading)
     if command[MODE] == START:
         ahead = abs(error) <= math.pi / 2.0 or params.backward_speed_rad_s <= 0.0

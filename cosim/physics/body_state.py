@@ -1,6 +1,5 @@
 """State of a robot, as a column of an array and as numbers; no equations."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ from cosim.model.params import RobotParams
 from cosim.physics.contact import Impulse
 from cosim.physics.lanes import Width, load, store
 from cosim.physics.rotation import Quaternion, Vector
+from cosim.physics.trig import sine_cosine
 
 # Layout of a body's state, one float64 vector; of many bodies, the rows of an array with a column
 # for each.
@@ -57,7 +57,8 @@ def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: floa
     """State of a robot at rest on its feet, shape (state_size(M),)."""
     state = np.zeros(state_size(robot.feet_count))
     state[POSITION] = x_m, y_m, robot.com_height_m
-    state[QUATERNION] = math.cos(heading_rad / 2.0), 0.0, 0.0, math.sin(heading_rad / 2.0)
+    sine, cosine = sine_cosine(heading_rad / 2.0)
+    state[QUATERNION] = cosine, 0.0, 0.0, sine
     return state
 
 

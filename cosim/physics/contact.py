@@ -21,6 +21,7 @@ from cosim.model.world import World
 from cosim.physics.lanes import select
 from cosim.physics.mass import Mass, mass_of
 from cosim.physics.rotation import Vector, dot, plus
+from cosim.physics.trig import sine_cosine
 
 Impulse = tuple[float, Vector]
 
@@ -86,9 +87,9 @@ def feet_of(robot: RobotParams) -> tuple[Foot, ...]:
     """Feet of a robot; A and C at +x, B at −x of Fig. 4b if not stated."""
     if robot.feet:
         return robot.feet
-    angles = np.deg2rad([60.0, 180.0])
-    (x, behind), y = robot.foot_radius_m * np.cos(angles), robot.foot_radius_m * np.sin(angles[0])
-    return Foot(float(x), float(y)), Foot(float(behind), 0.0), Foot(float(x), -float(y))
+    sine, cosine = sine_cosine(math.pi / 3.0)
+    x, y = robot.foot_radius_m * cosine, robot.foot_radius_m * sine
+    return Foot(x, y), Foot(-robot.foot_radius_m, 0.0), Foot(x, -y)
 
 
 def foot_positions(robot: RobotParams) -> np.ndarray:
@@ -99,7 +100,7 @@ def foot_positions(robot: RobotParams) -> np.ndarray:
 def floor_margin(robot: RobotParams, world: World) -> float:
     """Return how far the centre of mass is from the floor's edge, feet on it, m; 0 without edge."""
     feet = foot_positions(robot)[:, :2] - mass_of(robot, world).centre
-    return float(np.hypot(*feet.T).max()) if world.edge else 0.0
+    return float(np.linalg.norm(feet, axis=1).max()) if world.edge else 0.0
 
 
 def delassus(robot: RobotParams, mass: Mass | None = None) -> np.ndarray:
@@ -126,7 +127,7 @@ def contact_params(robot: RobotParams, tolerance: float, mass: Mass | None = Non
     """
     mass = mass or mass_of(robot)
     feet = feet_of(robot)
-    own = [math.hypot(foot.x_m, foot.y_m) for foot in robot.feet]
+    own = [math.sqrt(foot.x_m * foot.x_m + foot.y_m * foot.y_m) for foot in robot.feet]
     pairing = paired([(foot.x_m, foot.y_m) for foot in feet])
     ordered = [feet[k] for k in pairing.order]
     operator = delassus(robot, mass)

@@ -11,14 +11,15 @@ import numpy as np
 
 from cosim.base.jit import inlined, unrolled
 from cosim.model.params import MotorParams, RobotParams
-from cosim.model.world import IDEAL, Drawn, World
+from cosim.model.world import IDEAL, World
 from cosim.physics.body_state import X, Y, orientation_of, read_vector
 from cosim.physics.contact import CONTACT_TOLERANCE, OWN_MU, ContactParams, contact_params
+from cosim.physics.draws import Drawn
 from cosim.physics.forces import MotorMount
 from cosim.physics.lanes import Width, any_lane, load
 from cosim.physics.mass import mass_of
 from cosim.physics.rotation import Vector, dot, rotation_matrix
-from cosim.physics.trig import sine_and_cosine
+from cosim.physics.trig import sine_cosine
 
 # Rows of the properties, in SI units; of vectors the first one. Names are those of `BodyParams`,
 # `ContactParams` and `MotorMount`.
@@ -110,12 +111,10 @@ def properties_of(params: BodyParams, mounts: Sequence[MotorMount]) -> np.ndarra
     )
 
 
-def gravity(
-    world: World, drawn: Drawn, g: float, portable: bool = False
-) -> tuple[float, float, float]:
+def gravity(world: World, drawn: Drawn, g: float) -> tuple[float, float, float]:
     """Return the gravitational acceleration in m/s² in the frame of the floor, z away from it."""
-    sine, down = sine_and_cosine(math.radians(world.floor_tilt_deg), portable)
-    aside, ahead = sine_and_cosine(math.radians(drawn.tilt_direction_deg), portable)
+    sine, down = sine_cosine(math.radians(world.floor_tilt_deg))
+    aside, ahead = sine_cosine(math.radians(drawn.tilt_direction_deg))
     along = g * sine
     return along * ahead, along * aside, -g * down
 

@@ -79,10 +79,10 @@ def rotated(q: Quaternion, r: Vector) -> Quaternion:
 
 
 @inlined
-def heading(q: Quaternion, portable: bool = False) -> float:
+def heading(q: Quaternion) -> float:
     """Angle in rad, in [−π, π], from the world's x axis to the body's x axis seen from above."""
     w, x, y, z = q
-    return angle_of(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z), portable)
+    return angle_of(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
 
 
 @inlined

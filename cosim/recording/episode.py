@@ -21,9 +21,10 @@ from cosim.coupling.rl_step import POSES_S, Decision, Step, sampled_of
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING, RobotParams
 from cosim.model.scenario import Scenario
-from cosim.model.world import Drawn, Patch
+from cosim.model.world import Patch
 from cosim.onboard.features import DISTANCE_CLASSES, GRADIENT_SIGNS, Observation
 from cosim.onboard.steering import DIRECT, MODE_NAMES
+from cosim.physics.draws import Drawn
 from cosim.recording import series
 from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode_log import EpisodeLog, write_lines, write_run_page

@@ -18,6 +18,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.onboard.estimation import POSE
 from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D
+from cosim.physics.trig import sines_cosines
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import SimulationOptions
 
@@ -158,4 +159,5 @@ def velocities(before: np.ndarray, poses: np.ndarray, interval_s: float) -> np.n
     """(N, 3) ahead and to the left in m/s, yaw rate in rad/s, between two poses (N, 3)."""
     moved, angle = poses - before, poses[:, 2]
     moved[:, 2] = (moved[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
-    return in_frames(moved, np.cos(angle), np.sin(angle)) / interval_s
+    sin, cos = sines_cosines(angle)
+    return in_frames(moved, cos, sin) / interval_s

@@ -21,7 +21,6 @@ from cosim.model.config import CoSimConfig
 from cosim.model.outcome import BY_RANK, RUNNING, Outcome
 from cosim.model.params import motors_of
 from cosim.model.scenario import Cell, Scenario
-from cosim.model.world import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator
 from cosim.onboard.camera import camera_of, draw_sight
 from cosim.onboard.estimation import POSE
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS, Observation, distance_thresholds
@@ -41,6 +40,7 @@ from cosim.onboard.steering import (
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.physics.body_state import PLANE, standing_state
 from cosim.physics.contact import floor_margin
+from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator
 from cosim.physics.properties import gravity
 from cosim.simulation.measures import Measures
 
@@ -72,7 +72,7 @@ class RunningEpisode:
         self.scenario, self.config = scenario, config
         motors_each = motors_of(config.robot, config.motor)
         self.drawn = draw_world(config.world, motors_each, n, seed)
-        down = gravity(config.world, self.drawn, config.motor.g, config.portable)
+        down = gravity(config.world, self.drawn, config.motor.g)
         for column, motors in enumerate(self.drawn.motors, columns.start):
             state.properties[:, column] = robot_properties(config, down, motors)
         self._board = board_of(scenario, floor_margin(config.robot, config.world))
@@ -220,7 +220,7 @@ class RunningEpisode:
             events=events,
             outcome=self.outcome,
             duration_s=(self._tick - self._first_tick) * self.config.timing.dt_s,
-            moved_m=np.hypot(moved[:, 0], moved[:, 1]),
+            moved_m=np.linalg.norm(moved, axis=1),
             sampled=self.sampled,
             poses=poses,
         )
@@ -282,7 +282,7 @@ class RunningEpisode:
         self.conflicts += allowed != direction
         if allowed not in (direction, WAIT) and self._detours.random() < 0.5:
             # Robots that only ever yield to the nearest side may do so to each other endlessly.
-            others = self._detours.permutation(NEAREST_FIRST[1:])
+            others = NEAREST_FIRST[1:][self._detours.random(len(NEAREST_FIRST) - 1).argsort()]
             allowed = permitted(*asked, np.concatenate([NEAREST_FIRST[:1], others]))
         return allowed
 

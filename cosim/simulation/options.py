@@ -157,10 +157,6 @@ class SimulationOptions(Physics, DecisionOptions):
     open_loop: tuple[Loop, ...] = ()
     """What goes without feedback: motors, which then get a constant voltage for every set point
     instead of the loop of Eq. (14), and heading, the course that robots keep while they drive."""
-    portable: bool = False
-    """Compute the angles that robots steer by without the C library: an episode then has the
-    same bits on every machine (docs/performance.md says when). By default it has those of published
-    results, which another C library changes."""
     time_limit: Annotated[Positive | None, tyro.conf.arg(metavar="S")] = None
     """Simulated time in s after which an episode ends as a time-out, a whole multiple of the RL
     step; by default 600, and longer in proportion where robots are slower than by default."""
@@ -177,7 +173,6 @@ class SimulationOptions(Physics, DecisionOptions):
                 on_collision=None if self.on_collision == "end" else self.on_collision,
                 shield=SHIELD if self.shield else None,
                 open_loop=self.open_loop or None,
-                portable=self.portable or None,
             )
         )
 

@@ -8,8 +8,8 @@ import numpy as np
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.world import draw_world
 from cosim.onboard.steering import DIRECTION, DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, START
+from cosim.physics.draws import draw_world
 
 LIMIT_S = 150.0
 PERIODS = 200  # simulated at a time

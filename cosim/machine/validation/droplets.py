@@ -28,7 +28,7 @@ from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
 from cosim.physics.body_state import QUATERNION
 from fmus.build import identity_of_fmu
 
-VERSION = 2  # of simulated motions: raise it when their bits change
+VERSION = 3  # of simulated motions: raise it when their bits change
 
 MEASURED = Path(__file__).with_name("droplets.csv")
 MEASURED_S = 30.0

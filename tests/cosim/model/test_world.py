@@ -10,7 +10,8 @@ from cosim.base.errors import UserError
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II
 from cosim.model.scenario_file import find_in_world, find_scenario
-from cosim.model.world import IDEAL, Drawn, Patch, Sensor, World, draw_world
+from cosim.model.world import IDEAL, Patch, Sensor, World
+from cosim.physics.draws import Drawn, draw_world
 from cosim.physics.properties import gravity
 
 PAIR = (TABLE_II, TABLE_II)
@@ -87,9 +88,6 @@ def test_gravity_falls_where_the_floor_does():
     assert x == pytest.approx(0.0, abs=1e-12)
     assert y == pytest.approx(9.81 * math.sin(math.radians(10.0)))
     assert gravity(IDEAL, Drawn((), 0.0), 9.81) == (0.0, 0.0, -9.81)
-    portable = gravity(World(floor_tilt_deg=10.0), Drawn((), 200.0), 9.81, portable=True)
-    usual = gravity(World(floor_tilt_deg=10.0), Drawn((), 200.0), 9.81)
-    assert portable == pytest.approx(usual, rel=1e-15)
 
 
 SCENARIO = """

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from cosim.model.scenario import Scenario
-from cosim.model.world import Sensor, World, draw_world
+from cosim.model.world import Sensor, World
 from cosim.onboard.features import DIRECTION_COUNT, Observation
+from cosim.physics.draws import draw_world
 from cosim.simulation.options import SimulationOptions
 from cosim.simulation.tasks import Task, simulate_tasks
 

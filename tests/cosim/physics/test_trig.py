@@ -3,9 +3,10 @@
 import math
 
 import numpy as np
+from scipy import stats
 
 from cosim.base.jit import kernel
-from cosim.physics.trig import angle_of, arctangent, sine_cosine
+from cosim.physics.trig import angle_of, arctangent, normals, sine_cosine, sines_cosines
 
 
 @kernel
@@ -56,3 +57,22 @@ def test_angles_along_the_axes_are_exact():
     for x in (0.0, 1.0, -1.0, math.inf, -math.inf, 1e300):
         assert arctangent(x) == math.atan(x)
     assert math.isnan(arctangent(math.nan))
+
+
+def test_arrays_have_the_bits_of_single_angles():
+    angles = np.random.default_rng(3).uniform(-9.0, 9.0, (3, 4))
+    sines, cosines = sines_cosines(angles)
+    for k in np.ndindex(angles.shape):
+        assert sine_cosine(angles[k]) == (sines[k], cosines[k])
+
+
+def test_normal_numbers_are_normal_also_far_out():
+    uniforms = np.random.default_rng(4).random((500_000, 2))
+    uniforms[:4, 0] = 0.0, 2.0**-53, 1.0 - 2.0**-53, 0.5
+    found, given = normals(uniforms), uniforms.copy()
+    size = np.sqrt(-2.0 * np.log(1.0 - uniforms[:, 0]))
+    angle = 2.0 * math.pi * uniforms[:, 1]
+    expected = np.column_stack([size * np.cos(angle), size * np.sin(angle)])
+    assert np.abs(found - expected).max() < 1e-14
+    assert (uniforms == given).all()
+    assert stats.kstest(found.ravel(), "norm").pvalue > 0.01
