@@ -55,7 +55,12 @@ PRODUCERS = {
     "worlds": ("agent.evaluation.cases",),
     "calibration": ("cosim.calibration.measuring", "cosim.calibration.shielding"),
     "studies": ("agent.training.learning", "agent.evaluation.cases"),
-    "computed": ("agent.mdp.optimum", "agent.moves.pair", "agent.moves.group"),
+    "computed": (
+        "agent.moves.observe",
+        "agent.mdp.optimum",
+        "agent.moves.pair",
+        "agent.moves.group",
+    ),
 }
 LEARNERS = {
     "1a": ("1a", LearningConfig(episodes=4000)),
