@@ -325,18 +325,18 @@ class SpeedNoise:
         self._motors = config.robot.motors_count
         children = range(robots * self._motors)
         self._generators = [generator(seed, child) for child in children]
-        self._amplitude = config.noise.relative_amplitude
-        self._hold = round(config.noise.hold_s / config.timing.control_period_s)
+        self.amplitude = config.noise.relative_amplitude
+        self.hold = round(config.noise.hold_s / config.timing.control_period_s)
         self._values, self._left = np.zeros(len(children)), np.zeros(1, dtype=np.int64)
 
     def draw(self, periods: int) -> np.ndarray:
         """Return the noise of the next control periods, shape (periods, N, M)."""
-        draws = max(0, math.ceil((periods - self._left[0]) / self._hold))
+        draws = max(0, math.ceil((periods - self._left[0]) / self.hold))
         uniforms = np.empty((len(self._values), draws))
         for rng, row in zip(self._generators, uniforms, strict=True):
             rng.random(out=row)
         noise = np.empty((periods, len(self._values) // self._motors, self._motors))
-        write_noise(noise, uniforms, self._amplitude, self._hold, self._values, self._left)
+        write_noise(noise, uniforms, self.amplitude, self.hold, self._values, self._left)
         return noise
 
 
