@@ -1,1 +1,1 @@
-"""A page in which a policy's robots drive: the kernels compiled to WebAssembly, and its HTML."""
+"""A page that plays episodes in a browser by the same kernels."""
