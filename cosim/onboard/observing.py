@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from cosim.base.errors import UserError
-from cosim.base.jit import inlined, kernel
+from cosim.base.jit import inlined
 from cosim.model.scenario import Cell, Scenario, touching_pair
 from cosim.onboard.features import (
     DIRECTION_COUNT,
@@ -32,52 +32,43 @@ def cell_of(coordinate_m: float, cell_m: float) -> int:
     return math.floor(coordinate_m / cell_m)
 
 
-@kernel
-def cells_of(positions_m: np.ndarray, cell_m: float) -> np.ndarray:
-    """Cell of each robot, (N, 2) int64, from the robots' centres (N, 2)."""
-    cells = np.empty((len(positions_m), 2), dtype=np.int64)
-    for i in range(len(positions_m)):
-        cells[i, 0] = cell_of(positions_m[i, 0], cell_m)
-        cells[i, 1] = cell_of(positions_m[i, 1], cell_m)
-    return cells
-
-
-@kernel
-def nearest_squared(cells: np.ndarray) -> np.ndarray:
-    """Squared distance in cells² of each robot to the nearest other, (N,) int64."""
-    squared = np.full(len(cells), _NOBODY)
-    for i in range(len(cells)):
-        for j in range(len(cells)):
-            if j != i:
-                dx, dy = cells[j, 0] - cells[i, 0], cells[j, 1] - cells[i, 1]
-                squared[i] = min(squared[i], dx * dx + dy * dy)
+@inlined
+def nearest_squared(cells: np.ndarray, i: int) -> int:
+    """Squared distance in cells² of robot i to the nearest other, from all robots' cells (N, 2)."""
+    squared = _NOBODY
+    for j in range(len(cells)):
+        if j != i:
+            dx, dy = cells[j, 0] - cells[i, 0], cells[j, 1] - cells[i, 1]
+            squared = min(squared, dx * dx + dy * dy)
     return squared
 
 
-@kernel
+@inlined
 def observe(
     positions_m: np.ndarray,
     headings_rad: np.ndarray,
     cell_m: float,
     thresholds: DistanceThresholds,
     squared_before: np.ndarray,
-    targets: np.ndarray,
-) -> Observation:
-    """Return what a policy sees.
+    squared: np.ndarray,
+    seen: Observation,
+) -> None:
+    """Write what a policy sees but for targets and goals.
 
     Args:
+        positions_m: (N, 2) centres of the robots.
         headings_rad: (N,) counter-clockwise from +x.
-        squared_before: (N,) int64, `nearest_squared` at each robot's previous decision.
+        squared_before: (N,) int64, `squared` at each robot's previous decision.
+        squared: (N,) int64, `nearest_squared` now; written.
     """
-    cells = cells_of(positions_m, cell_m)
-    squared = nearest_squared(cells)
-    classes, signs, directions = squared.copy(), squared.copy(), squared.copy()
-    for i in range(len(cells)):
-        classes[i] = distance_class(squared[i], thresholds)
-        signs[i] = gradient_sign(squared[i], squared_before[i])
-        sector = np.rint(headings_rad[i] / _SECTOR_RAD)
-        directions[i] = int(sector) % DIRECTION_COUNT
-    return Observation(cells, classes, signs, directions, targets.copy())
+    for i in range(len(positions_m)):
+        seen.cells[i, 0] = cell_of(positions_m[i, 0], cell_m)
+        seen.cells[i, 1] = cell_of(positions_m[i, 1], cell_m)
+    for i in range(len(positions_m)):
+        squared[i] = nearest_squared(seen.cells, i)
+        seen.distance_class[i] = distance_class(squared[i], thresholds)
+        seen.gradient_sign[i] = gradient_sign(squared[i], squared_before[i])
+        seen.direction[i] = int(np.rint(headings_rad[i] / _SECTOR_RAD)) % DIRECTION_COUNT
 
 
 def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...]:
