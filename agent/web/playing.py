@@ -176,7 +176,10 @@ def plan_all(group: Group, columns: int, rows: int, seen: Observation, wanted: n
 @kernel
 def begin_step(play: Play) -> None:
     """Have robots adopt `play.wanted`, and make the noise of the RL step."""
-    adopt(play.rules, play.state, 0, play.moves, play.wanted, play.shield)
+    if play.plant.shielded:
+        adopt(play.rules, play.state, 0, play.moves, play.wanted, play.shield)
+    else:
+        adopt(play.rules, play.state, 0, play.moves, play.wanted, None)
     write_noise(play.noise, play.noise_draws, play.amplitude, play.hold, play.values, play.left)
     for robot in range(len(play.sight_draws)):
         play.state.cameras[robot, SIGHT] = 0.0
