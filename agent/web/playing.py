@@ -22,13 +22,26 @@ from cosim.coupling.master import run_periods
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import RawSamples, Samples, State, new_raw_samples, new_samples
 from cosim.fmi.calls import Calls
-from cosim.model.params import ShieldParams
+from cosim.model.params import ShieldParams, motors_of
 from cosim.onboard.camera import NOISE, SIGHT, SIGHT_DRAWS, frames_within, spread_of, write_sight
 from cosim.onboard.features import DIRECTION_COUNT, Observation
+from cosim.physics.draws import VARIED, direction_of, make_factors
 from cosim.physics.lanes import Width, width_of
+from cosim.physics.properties import gravity, write_own
 from cosim.simulation.batch import Batch
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.rules import TICK, Moves, Rules, adopt, conclude, put_down
+
+
+class Varied(NamedTuple):
+    """What episodes draw from a world: parameters of motors, and where the floor falls."""
+
+    draws: np.ndarray  # (4 N M + 1,) uniform numbers of an episode
+    spread: float  # of the factors
+    usual: np.ndarray  # (M, 4) K_T, R, J and r of the configuration
+    own: np.ndarray  # (4, M, B) the same of every motor, which the motors need at their start
+    tilt_deg: float  # of the floor
+    g: float  # m/s²
 
 
 class Play(NamedTuple):
@@ -54,6 +67,7 @@ class Play(NamedTuple):
     noise_draws: np.ndarray  # (N M, draws) uniform numbers, of each motor for an RL step
     sight_draws: np.ndarray  # (N, draws) uniform numbers, of each robot's camera for an RL step
     spread: tuple[float, float, float]  # of the camera, see `spread_of`
+    varied: Varied
 
 
 def new_play(batch: Batch, episode: RunningEpisode) -> Play:
@@ -63,6 +77,8 @@ def new_play(batch: Batch, episode: RunningEpisode) -> Play:
     sizes, sensor = (config.robot.motors_count, config.robot.feet_count), config.world.camera
     motors, noise = robots * sizes[0], episode.noise
     frames = frames_within(sensor, config.timing.rl_step_s)
+    each = motors_of(config.robot, config.motor)
+    usual = np.array([(motor.K_T, motor.R, motor.J, motor.r) for motor in each])
     return Play(
         batch.plant,
         state._replace(sight=np.zeros((frames, columns, NOISE))),
@@ -83,12 +99,40 @@ def new_play(batch: Batch, episode: RunningEpisode) -> Play:
         np.zeros((motors, -(-periods // noise.hold))),
         np.zeros((robots, frames * SIGHT_DRAWS)),
         spread_of(sensor),
+        Varied(
+            np.zeros(motors * VARIED + 1),
+            config.world.motor_spread or 0.0,
+            usual,
+            np.repeat(usual.T[:, :, None], columns, axis=2),
+            config.world.floor_tilt_deg,
+            config.motor.g,
+        ),
     )
 
 
 @kernel
 def start(play: Play) -> None:
-    """Put the robots on `play.cells`; everything else is as `new_play` returned it."""
+    """Put the robots on `play.cells` of a drawn world; all else is as `new_play` returned it.
+
+    Before, `play.varied.draws` gets its numbers; after it, the motors begin with `play.varied.own`.
+    """
+    varied, motors = play.varied, len(play.varied.usual)
+    factors, direction_deg = varied.draws[:-1], 0.0
+    make_factors(factors, varied.spread)
+    if varied.tilt_deg > 0.0:
+        direction_deg = direction_of(varied.draws[-1])
+    down = gravity(varied.tilt_deg, direction_deg, varied.g)
+    moved = np.empty((motors, 2))
+    for robot in range(len(play.cells)):
+        for motor in range(motors):
+            for k in range(VARIED):
+                factor = factors[VARIED * (motors * robot + motor) + k]
+                varied.own[k, motor, robot] = varied.usual[motor, k] * factor
+            moved[motor, 0], moved[motor, 1] = (
+                varied.own[3, motor, robot],
+                varied.own[2, motor, robot],
+            )
+        write_own(play.state.properties, robot, down, moved)
     put_down(play.rules, play.state, 0, play.moves, play.cells)
 
 

@@ -27,7 +27,7 @@ from cosim.onboard.shield import STOPS
 from cosim.onboard.steering import THROUGH
 from cosim.physics.body_state import PLANE
 from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator
-from cosim.physics.properties import gravity
+from cosim.physics.properties import gravity, write_own
 from cosim.simulation import rules
 from cosim.simulation.measures import Measures
 from cosim.simulation.rules import CONFLICTS, TICK, USED
@@ -62,9 +62,12 @@ class RunningEpisode:
         self.scenario, self.config = scenario, config
         motors_each = motors_of(config.robot, config.motor)
         self.drawn = draw_world(config.world, motors_each, n, seed)
-        down = gravity(config.world, self.drawn, config.motor.g)
+        tilt = config.world.floor_tilt_deg, self.drawn.tilt_direction_deg
+        down = gravity(*tilt, config.motor.g)
+        state.properties[:, columns] = robot_properties(config)[:, None]
         for column, motors in enumerate(self.drawn.motors, columns.start):
-            state.properties[:, column] = robot_properties(config, down, motors)
+            own = np.array([(motor.r, motor.J) for motor in motors])
+            write_own(state.properties, column, down, own)
         self.rules = rules.rules_of(scenario, config)
         self.moves = rules.new_moves(np.array(scenario.targets))
         self._columns = columns

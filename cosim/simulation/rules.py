@@ -100,7 +100,8 @@ def new_moves(targets: np.ndarray) -> Moves:
     """Return the memory of an episode before its start, with targets (N, 2) int64."""
     n = len(targets)
     numbers, flags = np.zeros((7, n), dtype=np.int64), np.zeros((5, n), dtype=bool)
-    seen = Observation(np.zeros_like(targets), *numbers[:3], targets, np.zeros_like(targets))
+    cells, goals = np.zeros_like(targets), np.zeros_like(targets)
+    seen = Observation._make([cells, *numbers[:3], targets, goals])
     draws = n * DETOUR_DRAWS  # at most in an RL step
     memory = np.array([0, 0, draws]), seen, np.zeros((n, 2)), *numbers[3:], *flags, np.zeros(draws)
     moves = Moves(*memory)

@@ -28,7 +28,8 @@ from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Patch, Sensor, World
 from cosim.onboard.features import DIRECTION_COUNT, DISTANCE_CLASSES, Observation
 from cosim.onboard.observing import draw_starts
-from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, generator
+from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, WORLD_CHILD, generator
+from cosim.physics.properties import GRAVITY
 from cosim.simulation.batch import Batch
 from cosim.simulation.options import DecisionOptions
 from cosim.simulation.rules import USED
@@ -37,7 +38,9 @@ from tests.agent.moves.test_pair import MOVES
 FACING = Scenario("facing", "", ((15, 24), (15, 5)), (((15, 10),), ((15, 19),)))
 NEAR = Scenario("near", "", ((3, 6), (9, 6)), (((3, 7),), ((9, 5),)), 13, 13, zone=(0, 0, 0, 0))
 ROUGH = World(motor_spread=0.1, sensor=Sensor(30.0, 50.0, 0.5, 1.0, 0.1))
-SLOPE = World(floor_tilt_deg=1.0, mu_patches=(Patch((10, 8, 20, 13), 0.1),), edge=True)
+SLOPE = World(
+    motor_spread=0.05, floor_tilt_deg=1.0, mu_patches=(Patch((10, 8, 20, 13), 0.1),), edge=True
+)
 SEED = np.random.SeedSequence(3)
 PROMPT = CoSimConfig().merged(DecisionOptions(through=True).tree())
 
@@ -62,13 +65,24 @@ def uniform_numbers(play):
         yield
 
 
+def begin_at(play, starts):
+    """Start an episode in a world that is drawn again."""
+    drawn = play.state.properties[:, : len(starts)]
+    drawn[GRAVITY : GRAVITY + 3] = drawn[-4:] = np.nan
+    generator(SEED, WORLD_CHILD).random(out=play.varied.draws)
+    play.cells[:] = starts
+    start(play)
+
+
 @pytest.mark.parametrize(
     ("scenario", "config"),
     [
         (FACING, CoSimConfig()),
         (FACING, CoSimConfig(world=ROUGH, shield=SHIELD)),
         (FACING, CoSimConfig(world=SLOPE)),
-        (find_scenario("4-cross"), replace(PROMPT, shield=SHIELD)),
+        pytest.param(
+            find_scenario("4-cross"), replace(PROMPT, shield=SHIELD), marks=pytest.mark.slow
+        ),
         (find_scenario("1a"), CoSimConfig()),
     ],
     ids=["pair", "camera and shield", "slope", "four robots", "one robot"],
@@ -78,10 +92,15 @@ def test_kernels_alone_play_the_episode_of_a_batch(motor_fmu, straight_policy, s
     starts = draw_starts(scenario, np.random.default_rng(3))
     policy = straight_policy(scenario.targets)
     batch, others = (Batch(motor_fmu, config, scenario.robots, 1) for _ in range(2))
-    episode, other = (b.begin(0, scenario, starts, SEED) for b in (batch, others))
-    other.moves.seen.cells[:] = starts  # where robots are put down again
+    elsewhere = draw_starts(scenario, np.random.default_rng(4))
+    episode = batch.begin(0, scenario, starts, SEED)
+    other = others.begin(0, scenario, elsewhere, SEED)  # motors with the same parameters
     play = new_play(others, other)
-    start(play)
+    begin_at(play, starts)
+    assert np.array_equal(others.state.properties, batch.state.properties)
+    for robot, motors in enumerate(episode.drawn.motors):
+        own = [(motor.K_T, motor.R, motor.J, motor.r) for motor in motors]
+        assert play.varied.own[:, :, robot].T.tolist() == [list(values) for values in own]
     for _ in uniform_numbers(play):
         assert all(map(np.array_equal, play.moves.seen, episode.observation))
         directions = policy.act(episode.observation)
