@@ -15,7 +15,9 @@ from agent.mdp.greedy import GreedyPolicy
 from agent.training.methods import best_method, find_method, method_config
 from agent.training.policy import load_policy
 from agent.training.store import find_or_make
-from agent.web.playable import Playable, playable
+from agent.web.compiler import compiled
+from agent.web.image import image_of
+from agent.web.playing import deciding, new_play
 from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.storage import require_suffix, write_whole
@@ -29,10 +31,11 @@ from cosim.onboard.steering import HOLD
 from cosim.physics.contact import feet_of
 from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, WORLD_CHILD
 from cosim.physics.properties import GRAVITY, MU
-from cosim.simulation.batch import floor_patches
+from cosim.simulation.batch import Batch, floor_patches
 from cosim.simulation.measures import PATH_SAMPLING_S
 from cosim.simulation.options import Setup, SimulationOptions, resolve
 from cosim.simulation.rules import USED
+from cosim.simulation.simulate import draw_episode
 
 MOST_ROBOTS = 16
 MOST_SEED = 2**53 - 1  # the largest whole number that JavaScript keeps
@@ -43,11 +46,7 @@ _FRAME_S = 0.025  # of simulated time between two pictures
 
 
 def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
-    """Refuse what a page's episode does not have.
-
-    Raises:
-        ConfigError: the configuration has it; the message names the options.
-    """
+    """Refuse what a page cannot play with a ConfigError, which names it."""
     lacking = {"--motor-fmu": config.motor_fmu, "--open-loop": config.open_loop}
     if found := [name for name, asked in lacking.items() if asked]:
         raise ConfigError(f"a page cannot play {', '.join(found)}; leave it out")
@@ -86,26 +85,24 @@ def write_page(
     options, out = options or SimulationOptions(), require_suffix(out, ".html")
     if seed > MOST_SEED:
         raise ConfigError(f"seed = {seed} is more than a browser can count; give at most 2^53 - 1")
-    files = {"own": options.world} | {
-        Path(name).stem: ROUGH if name == "rough" else Path(name) for name in worlds
-    }
+    more = [ROUGH if name == "rough" else Path(name) for name in worlds]
+    files = {"own": options.world, **{file.stem: file for file in more}}
     if len(files) <= len(worlds):
         raise ConfigError(
             f"worlds {' '.join(worlds)}: two have one name, or one is called own, as the page's "
             "first world is; rename a file"
         )
-    boards = [find_in_world(scenario, file) for file in files.values()]
-    for (board, world), file in zip(boards, files.values(), strict=True):
-        require_playable(board, options.config(world))  # before anything is measured
-        if board != boards[0][0]:
+    board, _ = find_in_world(scenario, options.world)
+    for file in files.values():  # before anything is measured
+        other, world = find_in_world(scenario, file)
+        require_playable(other, options.config(world))
+        if other != board:
             raise ConfigError(f"{file} has other obstacles; write another page for that world")
-    playing = _policy(options.board(boards[0][0]), options, policy, method, progress)
-    setups = {
-        name: resolve(options, scenario, progress, world=file) for name, file in files.items()
-    }
+    playing = _policy(options.board(board), options, policy, method, progress)
+    setups = {name: resolve(options, scenario, progress, world=files[name]) for name in files}
     with under_way(progress, "compiling the episode"):
-        found = {name: playable(playing, setup, seed) for name, setup in setups.items()}
-    write_whole(out, _html(playing, setups, found, seed))
+        found = [_world(name, playing, setup, seed) for name, setup in setups.items()]
+    write_whole(out, _html(playing, setups["own"], found, seed))
     return out.stat().st_size
 
 
@@ -124,55 +121,95 @@ def _policy(
     return find_or_make(method_config(chosen, scenario, **how), progress=progress)[0]
 
 
-def _html(
-    policy: GreedyPolicy, setups: Mapping[str, Setup], found: Mapping[str, Playable], seed: int
-) -> str:
-    scenario, config, _ = next(iter(setups.values()))
-    mounts, feet = mounts_of(config.robot), feet_names(config.robot.feet_count)
+def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str, Any]:
+    """Return a world of a page: kernels, the memory that they begin with, and what is in it."""
+    scenario, config, fmu = setup
+    policy.require_scenario(scenario)
+    n, motors, feet = scenario.robots, config.robot.motors_count, config.robot.feet_count
+    batch = Batch(fmu, config, n, 1, lanes=min(n, 2))
+    episode = batch.begin(0, scenario, *draw_episode(scenario, seed, 0))
+    decide, decides = deciding(policy)
+    play, instance = new_play(batch, episode, decides), batch.driver.motors.array
+    assert instance is not None
+    cameras = [CAMERA_CHILD + robot for robot in range(n if config.world.camera.rate_hz else 0)]
+    keys = [(0, 0), *((0, 1, k) for k in (WORLD_CHILD, *range(n * motors), *cameras, DETOUR_CHILD))]
+    image = image_of(
+        play,
+        motors=np.frombuffer(instance.get_state(), dtype=np.uint8),
+        generators=np.zeros((len(keys), 4), dtype=np.uint64),
+        keys=np.zeros(3, dtype=np.uint32),
+        chance=np.zeros(n),
+    )
+    kernels = {"start": "start", "decide": decide, "step": "step", "place": "place"}
+    wasm = compiled({name: f"agent.web.playing:{kernel}" for name, kernel in kernels.items()}, play)
+    batch.close()
+    properties, rows = play.state.properties, slice(MU, MU + 2 * feet)
+    places = np.arange(properties.size).reshape(properties.shape)[rows, :n]
+    equal = (properties[rows, :n] == config.robot.mu).all()
+    facts = {
+        "starts": scenario.starts,
+        "contact": distance_thresholds(scenario).contact,
+        "keys": keys,
+        "hold": play.hold,
+        "used": USED,
+        "hold_mode": HOLD,
+        "gravity": GRAVITY,
+        "friction": places.ravel().tolist() if equal else [],
+        "ticks": config.ticks_per_period,
+        "dt_s": config.timing.dt_s,
+        "frame_periods": max(1, round(_FRAME_S / config.timing.control_period_s)),
+        "path_periods": max(1, round(PATH_SAMPLING_S / config.timing.control_period_s)),
+        "motors": motors,
+        "feet": feet,
+        "patches": floor_patches(scenario, config)[2 * config.world.edge :].tolist(),
+        "edge": config.world.edge,
+        "mu": config.robot.mu,
+        "noise": config.noise.relative_amplitude,
+        "shielded": config.shield is not None,
+    }
+    packed = {"wasm": _packed(wasm), "image": _packed(image.content)}
+    return {"name": name, **packed, "layout": image.layout, "facts": facts}
+
+
+def _html(policy: GreedyPolicy, setup: Setup, worlds: list[dict[str, Any]], seed: int) -> str:
+    scenario, robot, cell_m = setup.scenario, setup.config.robot, setup.scenario.cell_m
+    places = [mount.place_m[:2] for mount in mounts_of(robot)]
+    soles = [(foot.x_m, foot.y_m) for foot in feet_of(robot)]
     data = {
         "scenario": {
             "columns": scenario.columns,
             "rows": scenario.rows,
-            "cell_m": scenario.cell_m,
+            "cell_m": cell_m,
             "diameter_m": scenario.diameter_m,
             "zone": scenario.zone,
             "targets": scenario.targets,
-            "walls": (scenario.walls * scenario.cell_m).tolist(),
+            "walls": (scenario.walls * cell_m).tolist(),
             "maps": _maps(policy),
         },
         "machine": {
-            "motors": [
-                {"name": name, "x": mount.place_m[0], "y": mount.place_m[1]}
-                for name, mount in zip(motor_names(len(mounts)), mounts, strict=True)
-            ],
-            "feet": [
-                {"name": name, "x": foot.x_m, "y": foot.y_m}
-                for name, foot in zip(feet, feet_of(config.robot), strict=True)
-            ],
+            "motors": list(zip(motor_names(len(places)), places, strict=True)),
+            "feet": list(zip(feet_names(len(soles)), soles, strict=True)),
         },
         "seed": seed,
         "outcomes": [str(outcome).replace("_", " ") or "running" for outcome in BY_RANK],
-        "step_s": config.timing.rl_step_s,
-        "worlds": [
-            {
-                "name": name,
-                "wasm": _kept(found[name].wasm),
-                "image": _kept(found[name].image.content),
-                "layout": found[name].image.layout,
-                "facts": _facts(setup, found[name]),
-            }
-            for name, setup in setups.items()
-        ],
+        "step_s": setup.config.timing.rl_step_s,
+        "worlds": worlds,
     }
-    about = (
-        f"The policy is by the method {policy.config.method}. An episode is that of "
-        "<code>minirobots run</code> with its seed and the options of this page, in every bit: the "
-        "same code, compiled to WebAssembly."
-    )
+    one = scenario.robots == 1
+    wide, high = (f"{100.0 * length:.3g}" for length in scenario.size_m)
     parts = {
         "title": html.escape(f"Scenario {scenario.name}: {scenario.title}"),
-        "seen": _seen(scenario, len(mounts)),
-        "about": about,
+        "seen": (
+            f"{'One robot' if one else f'{scenario.robots} robots'} of "
+            f"{100.0 * scenario.diameter_m:.2g} cm drive{'s' * one} across a board of {wide} × "
+            f"{high} cm to {'its target' if one else 'their targets'}, moved by nothing but the "
+            f"vibration of {len(places)} motors in each robot."
+        ),
+        "about": (
+            f"The policy is by the method {html.escape(policy.config.method)}. An episode is that "
+            "of <code>minirobots run</code> with its seed and the options of this page, in every "
+            "bit: the same code, compiled to WebAssembly. Another friction changes the floor only."
+        ),
         "style": _text("style.css"),
         "worker": "\n".join(map(_text, _WORKER)),
         "script": "\n".join(map(_text, _SCRIPT)),
@@ -182,59 +219,11 @@ def _html(
     return re.sub(r"\{(\w+)\}", lambda name: parts[name[1]], _text("page.html"))
 
 
-def _seen(scenario: Scenario, motors: int) -> str:
-    """Return one sentence about what is seen."""
-    who = "One robot" if scenario.robots == 1 else f"{scenario.robots} robots"
-    whose, verb = ("its target", "drives") if scenario.robots == 1 else ("their targets", "drive")
-    wide, high = (f"{100.0 * length:.3g}" for length in scenario.size_m)
-    return (
-        f"{who} of {100.0 * scenario.diameter_m:.2g} cm {verb} across a board of {wide} × {high} "
-        f"cm to {whose}, moved by nothing but the vibration of {motors} motors in each robot."
-    )
-
-
-def _facts(setup: Setup, found: Playable) -> dict[str, Any]:
-    """Return what JavaScript needs to know of the episode's arrays."""
-    scenario, config, _ = setup
-    period_s, n, camera = config.timing.control_period_s, scenario.robots, config.world.camera
-    properties = found.page.play.state.properties
-    rows = slice(MU, MU + 2 * config.robot.feet_count)
-    own = properties[rows, :n] == config.robot.mu
-    places = np.arange(properties.size).reshape(properties.shape)[rows, :n]
-    children = [*range(n * config.robot.motors_count)]
-    children += [CAMERA_CHILD + robot for robot in range(n) if camera.rate_hz]
-    return {
-        "starts": scenario.starts,
-        "contact": distance_thresholds(scenario).contact,
-        "generators": [
-            (0, 0),
-            *((0, 1, child) for child in [WORLD_CHILD, *children, DETOUR_CHILD]),
-        ],
-        "hold": found.page.play.hold,
-        "used": USED,
-        "hold_mode": HOLD,
-        "gravity": GRAVITY,
-        "friction": places.ravel().tolist() if own.all() else [],
-        "ticks": config.ticks_per_period,
-        "dt_s": config.timing.dt_s,
-        "frame_periods": max(1, round(_FRAME_S / period_s)),
-        "path_periods": max(1, round(PATH_SAMPLING_S / period_s)),
-        "motors": config.robot.motors_count,
-        "feet": config.robot.feet_count,
-        "patches": floor_patches(scenario, config)[2 * config.world.edge :].tolist(),
-        "edge": config.world.edge,
-        "mu": config.robot.mu,
-        "noise": config.noise.relative_amplitude,
-        "shielded": config.shield is not None,
-    }
-
-
 def _text(name: str) -> str:
     return (_PARTS / name).read_text(encoding="utf-8")
 
 
-def _kept(content: bytes) -> str:
-    """Deflated, as text."""
+def _packed(content: bytes) -> str:
     return base64.b64encode(zlib.compress(content, 9)).decode()
 
 

@@ -203,10 +203,9 @@ class Board {
     g.stroke();
     this.line([[0.6 * radius, 0], [radius, 0]], COLOURS[i], 3);
     g.fillStyle = css("--quiet");
-    for (const { x, y } of this.machine.feet) {
-      g.fillRect(x - 0.06 * radius, y - 0.06 * radius, 0.12 * radius, 0.12 * radius);
-    }
-    this.machine.motors.forEach(({ x, y }, k) => {
+    const foot = 0.12 * radius;
+    for (const [, [x, y]] of this.machine.feet) g.fillRect(x - foot / 2, y - foot / 2, foot, foot);
+    this.machine.motors.forEach(([, [x, y]], k) => {
       g.strokeStyle = css("--quiet");
       g.lineWidth = 1 / this.scale;
       this.disc(x, y, motor);
@@ -217,12 +216,12 @@ class Board {
     });
     g.restore();
     const named = radius * this.scale > 60; // whether there is room for the names of its parts
-    const turned = ({ x, y }) => {
+    const turned = ([x, y]) => {
       const [c, s] = [Math.cos(robot.heading), Math.sin(robot.heading)];
       return [robot.x + c * x - s * y, robot.y + s * x + c * y];
     };
-    for (const part of named ? [...this.machine.motors, ...this.machine.feet] : [])
-      this.text(part.name, ...turned(part), { by: [0.28 * radius * this.scale, 0], font: 11 });
+    for (const [name, place] of named ? [...this.machine.motors, ...this.machine.feet] : [])
+      this.text(name, ...turned(place), { by: [0.28 * radius * this.scale, 0], font: 11 });
     this.text(`${i + 1}`, robot.x, robot.y, { colour: css("--text"), font: "600 13" });
   }
 

@@ -17,18 +17,19 @@ class Episode {
   begin({ seed, mu, noise, shielded }) {
     const { facts, machine } = this;
     machine.reset();
-    for (const place of facts.friction) this.values("play.state.properties")[place] = mu;
-    machine.set("play.amplitude", noise);
-    machine.set("play.plant.shielded", shielded);
-    facts.generators.forEach((keys, k) => {
-      const words = this.values("keys");
+    for (const place of facts.friction) this.values("state.properties")[place] = mu;
+    machine.set("amplitude", noise);
+    machine.set("plant.shielded", shielded);
+    facts.keys.forEach((keys, k) => {
+      const words = this.values("keys"), generator = this.values("generators").subarray(4 * k);
       words.set(keys);
-      machine.exports.seed_generator(this.values("generators").subarray(4 * k).byteOffset, BigInt(seed), words.byteOffset, keys.length);
+      machine.exports.seed_generator(generator.byteOffset, BigInt(seed), words.byteOffset, keys.length);
     });
-    this.values("play.cells").set(this.drawStarts().flat().map(BigInt));
-    this.fill(1, this.values("play.varied.draws"));
-    if (machine.call("start") < 0) throw new Error("the motors refuse what the world has drawn");
-    Object.assign(this, { time: 0, outcome: 0, periods: 0, paths: this.robots.map(() => 0), corners: this.robots.map((i) => this.placeOf(i)) });
+    this.values("cells").set(this.drawStarts().flat().map(BigInt));
+    this.fill(1, this.values("varied.draws"));
+    if (machine.call("start")) throw new Error("the motors refuse what the world has drawn");
+    Object.assign(this, { time: 0, outcome: 0, periods: 0, paths: this.robots.map(() => 0) });
+    this.corners = this.robots.map((robot) => this.body(robot, 0, 2));
   }
 
   // Start cells, again while any two robots would touch.
@@ -37,88 +38,88 @@ class Episode {
     for (;;) {
       this.fill(0, chance);
       const cells = starts.map((cells, i) => cells[Math.floor(cells.length * chance[i])]);
-      if (cells.every(([x, y], i) => cells.every(([u, v], j) => j >= i || (u - x) ** 2 + (v - y) ** 2 > contact))) return cells;
+      const apart = ([x, y], i) => cells.every(([u, v], j) => j >= i || (u - x) ** 2 + (v - y) ** 2 > contact);
+      if (cells.every(apart)) return cells;
     }
   }
 
   // The uniform numbers of the next RL step.
   draw() {
-    const { facts } = this, periods = this.machine.array("play.noise").shape[0];
-    const count = Math.max(0, Math.ceil((periods - Number(this.values("play.left")[0])) / facts.hold));
+    const { facts, machine } = this, counts = this.values("moves.counts"), detours = this.values("moves.detours");
+    const due = machine.array("noise").shape[0] - Number(this.values("left")[0]), used = Number(counts[facts.used]);
     let generator = 2;
-    for (const name of ["play.noise_draws", "play.sight_draws"]) {
-      const [rows, width] = this.machine.array(name).shape, used = name === "play.noise_draws" ? count : width;
+    for (const [name, count] of [["noise_draws", Math.max(0, Math.ceil(due / facts.hold))], ["sight_draws", Infinity]]) {
+      const { values, shape: [rows, width] } = machine.array(name);
       for (let row = 0; row < rows * (width > 0); row++)
-        this.fill(generator++, this.values(name).subarray(row * width, row * width + used));
+        this.fill(generator++, values.subarray(row * width, row * width + Math.min(width, count)));
     }
-    const used = Number(this.values("play.moves.counts")[facts.used]), detours = this.values("play.moves.detours");
     detours.copyWithin(0, used);
     this.fill(generator, detours.subarray(detours.length - used));
-    this.values("play.moves.counts")[facts.used] = 0n;
+    counts[facts.used] = 0n;
   }
 
-  // One RL step; the frames of it, the last one at its end.
+  // One RL step; the frames of it.
   step() {
     this.draw();
+    this.machine.call("decide");
     this.outcome = this.machine.call("step");
-    if (this.outcome < 0) throw new Error("motors or bodies failed");
-    const { frame_periods, ticks, dt_s } = this.facts, frames = [], count = Number(this.values("play.state.periods")[0]);
+    if (this.outcome < 0) throw new Error("the motors failed, or a body is nowhere");
+    const { frame_periods, ticks, dt_s } = this.facts, frames = [], count = Number(this.values("state.periods")[0]);
     for (let row = 0; row < count; row++) {
       this.time = ++this.periods * ticks * dt_s;
       if (this.periods % frame_periods && row < count - 1) continue;
-      const samples = this.machine.array("play.samples.position");
-      this.measure(samples, row);
-      frames.push(this.frame(row));
+      this.measure(row);
+      frames.push({ time: this.time, robots: this.robots.map((robot) => this.sampled(robot, row)) });
     }
-    frames.at(-1).end = true;
-    frames.at(-1).outcome = this.outcome;
+    return this.ended(frames);
+  }
+
+  // Frames, the last one marked as the end of an RL step.
+  ended(frames) {
+    Object.assign(frames.at(-1), { end: true, outcome: this.outcome });
     return frames;
   }
 
   // Add to the robots' paths, every few frames: each vibration would add to them.
-  measure({ values, shape }, row) {
+  measure(row) {
     if (this.periods % this.facts.path_periods) return;
     for (const robot of this.robots) {
-      const [x, y] = values.subarray(3 * (row * shape[1] + robot)), [before, below] = this.corners[robot];
+      const [x, y] = this.sample("position", robot, row), [before, below] = this.corners[robot];
       this.paths[robot] += Math.hypot(x - before, y - below);
       this.corners[robot] = [x, y];
     }
   }
 
-  placeOf(robot) {
-    const { values, shape } = this.machine.array("play.state.bodies");
-    return [values[robot], values[shape[1] + robot]];
+  sample(name, robot, row) {
+    const { values, shape: [, columns, size = 1] } = this.machine.array(`samples.${name}`), at = size * (row * columns + robot);
+    return [...values.subarray(at, at + size)];
   }
 
-  // What is shown of a row of the samples.
-  frame(row) {
-    const part = (name, robot) => {
-      const { values, shape: [, columns, size = 1] } = this.machine.array(`play.samples.${name}`), at = size * (row * columns + robot);
-      return [...values.subarray(at, at + size)];
-    };
-    const robots = this.robots.map((robot) => this.robot(robot, part("position", robot), part("quaternion", robot), {
-      moving: part("mode", robot)[0] !== this.facts.hold_mode,
-      theta: part("theta", robot), omega: part("omega", robot), voltage: part("voltage", robot),
-      force: part("normal_mean", robot),
-    }));
-    return { time: this.time, robots };
+  // Rows of a robot in the state of the bodies, or in another array with a column for each.
+  body(robot, first, count, name = "state.bodies") {
+    const { values, shape } = this.machine.array(name);
+    return Array.from({ length: count }, (_, k) => values[(first + k) * shape[1] + robot]);
   }
 
-  // What is shown of robots that stand.
+  // What is shown of a robot, as it was sampled and as it stands.
+  sampled(robot, row) {
+    const of = (name) => this.sample(name, robot, row), moving = of("mode")[0] !== this.facts.hold_mode;
+    const signals = { theta: of("theta"), omega: of("omega"), voltage: of("voltage"), force: of("normal_mean") };
+    return this.shown(robot, of("position"), of("quaternion"), { moving, ...signals });
+  }
+
   still() {
-    const bodies = this.machine.array("play.state.bodies"), { motors, feet } = this.facts;
+    const { motors, feet } = this.facts, zeros = (count) => Array(count).fill(0);
+    const signals = { omega: zeros(motors), voltage: zeros(motors), force: zeros(feet), moving: false };
     const robots = this.robots.map((robot) => {
-      const body = (first, count) => Array.from({ length: count }, (_, k) => bodies.values[(first + k) * bodies.shape[1] + robot]);
-      const nothing = { omega: Array(motors).fill(0), voltage: Array(motors).fill(0), force: Array(feet).fill(0) };
-      const outputs = this.machine.array("play.state.outputs");
-      const theta = Array.from({ length: motors }, (_, k) => outputs.values[k * outputs.shape[1] + robot]);
-      return this.robot(robot, body(0, 3), body(3, 4), { moving: false, theta, ...nothing });
+      const theta = this.body(robot, 0, motors, "state.outputs");
+      return this.shown(robot, this.body(robot, 0, 3), this.body(robot, 3, 4), { theta, ...signals });
     });
-    return { time: this.time, robots, end: true, outcome: this.outcome };
+    return this.ended([{ time: this.time, robots }]);
   }
 
-  robot(robot, [x, y], [w, i, j, k], more) {
-    const { values, shape: [, size] } = this.machine.array("play.state.commands"), at = size * robot;
+  shown(robot, [x, y], [w, i, j, k], more) {
+    const { values, shape: [, size] } = this.machine.array("state.commands"), at = size * robot;
     const heading = Math.atan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k));
     return { x, y, heading, goal: [...values.subarray(at, at + 2)], path: this.paths[robot], ...more };
   }
@@ -131,7 +132,7 @@ class Episode {
 
   // Where the floor falls, as an angle from +x; null on a level one.
   downhill() {
-    const { values, shape } = this.machine.array("play.state.properties"), [x, y] = [0, 1].map((k) => values[(this.facts.gravity + k) * shape[1]]);
+    const [x, y] = this.body(0, this.facts.gravity, 2, "state.properties");
     return x || y ? Math.atan2(y, x) : null;
   }
 }

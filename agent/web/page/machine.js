@@ -20,10 +20,10 @@ class Machine {
     new Uint8Array(c.memory.buffer, base, image.length).set(image);
     const view = new DataView(c.memory.buffer, base);
     for (const at of layout.pointers) view.setInt32(at, view.getInt32(at, true) + base, true);
-    ["set_float64", "do_step", "get_float64"].forEach((name, k) => this.set(`play.calls.functions.${name}`, c.address_of(k)));
+    ["set_float64", "do_step", "get_float64"].forEach((name, k) => this.set(`calls.functions.${name}`, c.address_of(k)));
     const state = this.array("motors").values, motors = c.restore_motors(state.byteOffset, state.length);
     if (!motors) throw new Error("the motors refuse their state");
-    this.array("play.calls.instances").values[0] = BigInt(motors);
+    this.array("calls.instances").values[0] = BigInt(motors);
   }
 
   // An array by its name, in memory: its view is good until memory grows, in a call.

@@ -22,8 +22,7 @@ addEventListener("error", (event) => fail(event.message));
 addEventListener("unhandledrejection", (event) => fail(String(event.reason?.message ?? event.reason)));
 
 const data = JSON.parse($("data").textContent);
-const { machine } = data, names = [...machine.motors, ...machine.feet].map(({ name }) => name);
-const [motors, feet] = [names.slice(0, machine.motors.length), names.slice(machine.motors.length)];
+const { machine } = data, [motors, feet] = [machine.motors, machine.feet].map((parts) => parts.map(([name]) => name));
 const plots = [
   ["omega", "Motor speeds ω", "rad/s", motors],
   ["voltage", "Motor voltages", "V", motors],

@@ -11,15 +11,13 @@ async function inflated(text) {
 const post = (kind, more) => postMessage({ kind, number, ...more });
 
 const actions = {
+  load: (data) => worlds.push(...data.worlds),
   async begin({ world, options, number: begun }) {
     number = begun;
     const { wasm, image, layout, facts } = worlds[world];
     episode = worlds[world].episode ??= new Episode(await inflated(wasm), await inflated(image), layout, facts);
     episode.begin(options);
-    post("begun", { frames: [episode.still()], downhill: episode.downhill() });
-  },
-  load(data) {
-    worlds.push(...data.worlds);
+    post("begun", { frames: episode.still(), downhill: episode.downhill() });
   },
   step() {
     if (episode.outcome) return;
@@ -27,22 +25,23 @@ const actions = {
     post("step", { frames, rate: (1000 * (episode.time - before)) / (performance.now() - began) });
   },
   place({ robot, x, y }) {
-    if (!episode.outcome && episode.place(robot, x, y)) post("placed", { frames: [episode.still()] });
+    if (!episode.outcome && episode.place(robot, x, y)) post("placed", { frames: episode.still() });
   },
-  // A whole episode as fast as it goes, with the positions at the end of every RL step.
+  // The rest of an episode as fast as it goes, with the positions at the end of every RL step.
   record() {
     const positions = [], began = performance.now();
     while (!episode.outcome) {
       episode.step();
-      const { values, shape } = episode.machine.array("play.state.bodies");
-      positions.push(episode.robots.map((robot) => [0, 1, 2].map((axis) => values[axis * shape[1] + robot])));
+      const last = Number(episode.values("state.periods")[0]) - 1;
+      positions.push(episode.robots.map((robot) => episode.sample("position", robot, last)));
     }
-    const { outcome, time, paths } = episode;
-    post("recorded", { outcome, time, paths, positions, wall_s: (performance.now() - began) / 1000 });
+    const { outcome, time, paths, machine } = episode, memory = machine.exports.memory.buffer.byteLength;
+    post("recorded", { outcome, time, paths, positions, memory, wall_s: (performance.now() - began) / 1000 });
   },
 };
 
 let last = Promise.resolve(); // one after the other
 onmessage = ({ data }) => {
-  last = last.then(() => actions[data.action](data)).catch((error) => postMessage({ kind: "error", text: String(error.message ?? error) }));
+  const fail = (error) => postMessage({ kind: "error", text: String(error.message ?? error) });
+  last = last.then(() => actions[data.action](data)).catch(fail);
 };
