@@ -5,7 +5,7 @@ import html
 import json
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -208,7 +208,8 @@ def _html(policy: GreedyPolicy, setup: Setup, worlds: list[dict[str, Any]], seed
         "about": (
             f"The policy is by the method {html.escape(policy.config.method)}. An episode is that "
             "of <code>minirobots run</code> with its seed and the options of this page, in every "
-            "bit: the same code, compiled to WebAssembly. Another friction changes the floor only."
+            "bit: the same code, compiled to WebAssembly. Another friction or noise leaves set "
+            "points as they are."
         ),
         "style": _text("style.css"),
         "worker": "\n".join(map(_text, _WORKER)),
