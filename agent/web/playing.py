@@ -30,7 +30,7 @@ from cosim.physics.lanes import Width, width_of
 from cosim.physics.properties import gravity, write_own
 from cosim.simulation.batch import Batch
 from cosim.simulation.episode import RunningEpisode
-from cosim.simulation.rules import TICK, Moves, Rules, adopt, conclude, put_down
+from cosim.simulation.rules import TICK, Moves, Robots, Rules, adopt, conclude, put_down, robots_of
 
 
 class Varied(NamedTuple):
@@ -49,6 +49,7 @@ class Play(NamedTuple):
 
     plant: Plant
     state: State
+    robots: Robots  # of the state
     samples: Samples  # room for n periods
     raw: RawSamples  # without ticks
     calls: Calls  # of the motors
@@ -82,6 +83,7 @@ def new_play(batch: Batch, episode: RunningEpisode) -> Play:
     return Play(
         batch.plant,
         state._replace(sight=np.zeros((frames, columns, NOISE))),
+        robots_of(state, 0),
         new_samples(periods, columns, *sizes),
         new_raw_samples(0, columns, *sizes),
         batch.driver.motors.calls,
@@ -133,7 +135,7 @@ def start(play: Play) -> None:
                 varied.own[2, motor, robot],
             )
         write_own(play.state.properties, robot, down, moved)
-    put_down(play.rules, play.state, 0, play.moves, play.cells)
+    put_down(play.rules, play.robots, play.moves, play.cells)
 
 
 @kernel
@@ -176,7 +178,7 @@ def plan_all(group: Group, columns: int, rows: int, seen: Observation, wanted: n
 @kernel
 def begin_step(play: Play) -> None:
     """Have robots adopt `play.wanted`, and make the noise of the RL step."""
-    adopt(play.rules, play.state, 0, play.moves, play.wanted, play.shield)
+    adopt(play.rules, play.robots, play.moves, play.wanted, play.shield)
     write_noise(play.noise, play.noise_draws, play.amplitude, play.hold, play.values, play.left)
     for robot in range(len(play.sight_draws)):
         play.state.cameras[robot, SIGHT] = 0.0
@@ -204,4 +206,4 @@ def advance(play: Play, begin: int, end: int) -> int:
 @kernel
 def end_step(play: Play) -> int:
     """Judge the RL step; return the rank of its outcome in `cosim.model.outcome`."""
-    return conclude(play.rules, play.state, 0, play.moves, False)
+    return conclude(play.rules, play.robots, play.moves, False)
