@@ -1,8 +1,9 @@
 """numba's kernels, compiled to WebAssembly: the same functions, and the same bits, as in Python.
 
-numba compiles them without its own optimizers, which would bind them to this machine, in a process of
-its own. LLVM then has them optimized for wasm32, without vectorizers, and ziglang links them with the
-motors' C. A kernel of the module takes the address of its arguments, see `agent.web.image`.
+numba compiles them without its own optimizers, which would bind them to this machine, in a process
+of its own. LLVM then has them optimized for wasm32, without vectorizers, and ziglang links them
+with the motors' C. A kernel of the module takes the address of its arguments, see
+`agent.web.image`.
 """
 
 import importlib
