@@ -126,7 +126,7 @@ def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str
     scenario, config, fmu = setup
     policy.require_scenario(scenario)
     n, motors, feet = scenario.robots, config.robot.motors_count, config.robot.feet_count
-    batch = Batch(fmu, config, n, 1, lanes=min(n, 2))
+    batch = Batch(fmu, config, n, 1, lanes=2)
     episode = batch.begin(0, scenario, *draw_episode(scenario, seed, 0))
     decide, decides = deciding(policy)
     play, instance = new_play(batch, episode, decides), batch.driver.motors.array

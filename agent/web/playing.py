@@ -23,7 +23,7 @@ from cosim.coupling.master import run_periods
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import RawSamples, Samples, State, new_raw_samples, new_samples
 from cosim.fmi.calls import Calls, exchange
-from cosim.model.params import ShieldParams, motors_of
+from cosim.model.params import motors_of
 from cosim.model.scenario import touches_obstacle
 from cosim.onboard.camera import NOISE, SIGHT, SIGHT_DRAWS, frames_within, spread_of, write_sight
 from cosim.onboard.estimation import POSE
@@ -82,7 +82,6 @@ class Play(NamedTuple):
     width: Width
     rules: Rules
     moves: Moves
-    shield: ShieldParams | None
     cells: np.ndarray  # (N, 2) int64, where robots start
     wanted: np.ndarray  # (N,) int64, directions that the policy chose
     noise: np.ndarray  # (n, B, M) of the motors
@@ -124,7 +123,6 @@ def new_play(batch: Batch, episode: RunningEpisode, decides: Any = ()) -> Play:
         width_of(batch.driver.lanes),
         episode.rules,
         episode.moves,
-        config.shield,
         np.array(episode.moves.seen.cells),
         np.zeros(robots, dtype=np.int64),
         np.zeros((periods, columns, sizes[0])),
@@ -243,7 +241,7 @@ def step(play: Play) -> int:
     """
     state, moves = play.state, play.moves
     if play.plant.shielded:
-        adopt(play.rules, play.robots, moves, play.wanted, play.shield)
+        adopt(play.rules, play.robots, moves, play.wanted, play.plant.shield)
     else:
         adopt(play.rules, play.robots, moves, play.wanted, None)
     write_noise(play.noise, play.noise_draws, play.amplitude, play.hold, play.values, play.left)

@@ -59,7 +59,7 @@ CASES = {
     "droplet": Case("2", "shortest", {"preset": "droplet", "time_limit": 60.0}),
     "reaction": Case("2", "shortest", {"reaction": True, "time_limit": 60.0}),
     "fastest": Case("4", "fastest", {"through": True}),
-    "one": Case("1a", "paper", {}),
+    "one": Case("1a", "shortest", {}),
 }
 
 
@@ -133,9 +133,13 @@ def opened(browser, path, **options):
     return page, said
 
 
-@pytest.mark.parametrize("name", [
-    name if name == "pair" else pytest.param(name, marks=pytest.mark.slow) for name in CASES
-])  # fmt: skip
+BRIEF = ("pair", "one")  # which share the kernels of most other tests
+
+
+@pytest.mark.parametrize(
+    "name",
+    [*BRIEF, *(pytest.param(n, marks=pytest.mark.slow) for n in CASES if n not in BRIEF)],
+)
 def test_episodes_have_the_bits_of_the_co_simulation(browser, written, name):
     path, options = written(name)
     case, setup = CASES[name], setup_of(name, options)
@@ -267,7 +271,6 @@ def test_damaged_page_shows_its_error_as_text(browser, written, tmp_path):
     assert page.inner_text("#outcome") == "error"
 
 
-@pytest.mark.slow  # one robot is compiled on its own
 def test_titles_cannot_run_scripts(browser, tmp_path):
     scenario = Scenario("hostile", HOSTILE, ((5, 5),), (((5, 9),),))
     write_page(tmp_path / "page.html", scenario, method="shortest")
