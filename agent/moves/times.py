@@ -19,8 +19,8 @@ from agent.mdp.joint import BLOCKED, cells_after, least_alone, tables_alone
 from agent.mdp.optimum import require_paths
 from agent.moves.model import KINDS, ObservedMoves, move_kind
 from cosim.base.errors import UserError
-from cosim.base.jit import inlined
-from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
+from cosim.base.jit import inlined, kernel
+from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
 
 GAP_M = 0.0083  # assumed: between robots, as moves overlap in time
 _ROUNDING = 1e-9  # of times, in RL steps
@@ -94,6 +94,21 @@ def board_of(process: Process, moves: ObservedMoves) -> Board:
     kept = (2.0 * math.sqrt(process.squared_radius) + GAP_M / process.cell_m) ** 2
     between = ((at[targets][:, None] - at[targets]) ** 2).sum(axis=2)
     return Board(after, mean_seconds(moves), targets, kept, np.minimum(kept, between), at)
+
+
+@kernel
+def numbered(seen: Observation, columns: int, rows: int) -> np.ndarray:
+    """Return the numbers of robots' cells and goals, and the axes that they face: (3, N) int64.
+
+    Arrays of the observation are int64; a goal off the board counts as the cell next to it.
+    """
+    goals = seen.goals if len(seen.goals) > 0 else seen.cells
+    numbers = np.empty((3, len(seen.cells)), dtype=np.int64)
+    for i in range(len(seen.cells)):
+        numbers[0, i] = seen.cells[i, 0] * rows + seen.cells[i, 1]
+        x, y = min(max(goals[i, 0], 0), columns - 1), min(max(goals[i, 1], 0), rows - 1)
+        numbers[1, i], numbers[2, i] = x * rows + y, seen.direction[i] % AXIS_COUNT
+    return numbers
 
 
 @inlined

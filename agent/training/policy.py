@@ -25,7 +25,7 @@ from agent.mdp.optimum import require_paths
 from agent.moves.group import MOST_CELLS, MOST_TIMES, Group, group_of, plan
 from agent.moves.model import ObservedMoves
 from agent.moves.pair import UNREACHABLE, PairTimes, pair_values, solve_pair
-from agent.moves.times import Board, board_of, least_times
+from agent.moves.times import Board, board_of, least_times, numbered
 from agent.training.learning import VERSION
 from agent.training.settings import LearningConfig
 from cosim.base.errors import FileError, UserError
@@ -175,10 +175,11 @@ class _OnTimes(GreedyPolicy):
 
     @abstractmethod
     def values_at(self, numbers: np.ndarray) -> np.ndarray:
-        """(N, 8) float32, action values by (3, N) int64, see `_numbers`."""
+        """(N, 8) float32, action values by (3, N) int64, see `agent.moves.times.numbered`."""
 
     def q_values(self, observation: Observation) -> np.ndarray:
-        return self.values_at(self._numbers(observation))
+        scenario, seen = self.config.scenario, self.checked(observation)
+        return self.values_at(numbered(seen, scenario.columns, scenario.rows))
 
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
         starts = some_starts(self.process, self.most_starts) if starts is None else starts
@@ -187,15 +188,6 @@ class _OnTimes(GreedyPolicy):
             return greedy(self.values_at(np.stack([cells, cells, axes])), axes)
 
         return evaluate_by(self.process, starts, decide)
-
-    def _numbers(self, observation: Observation) -> np.ndarray:
-        """Return the numbers of the robots' cells and goals, and the axes that they face."""
-        checked, scenario = self.checked(observation), self.config.scenario
-        cells = goals = checked.cells @ (scenario.rows, 1)
-        if len(checked.goals):
-            last = scenario.columns - 1, scenario.rows - 1
-            goals = checked.goals.clip(0, last) @ (scenario.rows, 1)
-        return np.stack([cells, goals, checked.direction % AXIS_COUNT])
 
     def alone_maps(self, board: Board, alone: np.ndarray) -> list[PolicyMap]:
         """Maps of each robot as if alone: minus its least time, the direction that leads to it."""

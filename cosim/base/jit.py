@@ -25,6 +25,7 @@ from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, is_intact, lock_of, require_cache, write_checksum
 
 Kernel = TypeVar("Kernel", bound=Callable)
+TRANSIENT = "MINIROBOTS_TRANSIENT"  # in the environment of a process whose kernels are not kept
 _SETTINGS: Any = config
 _LOGGER = logging.getLogger(__name__)
 _handlers: dict[int, Any] = {}  # of signals that wait; those of the main thread
@@ -113,7 +114,7 @@ def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:
         # own lock first: threads hold it while they compile what a kernel calls.
         arguments = tuple(map(types.unliteral, signature))
         with global_compiler_lock, interrupts_held():
-            if kept:
+            if kept and TRANSIENT not in os.environ:
                 entry = _kept(dispatcher, lambda: compile_one(arguments))
             else:
                 entry = compile_one(arguments)

@@ -139,7 +139,7 @@ def trial_in_world(
     """Return a trial with motors and slope drawn from the configuration's world."""
     motors = motors_of(config.robot, config.motor)
     drawn = draw_world(config.world, motors, len(headings_rad), seed)
-    slope = gravity(config.world, drawn, config.motor.g)
+    slope = gravity(config.world.floor_tilt_deg, drawn.tilt_direction_deg, config.motor.g)
     return Trial(motor_fmu, config, headings_rad, seed, drawn.motors, slope, sight)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.base.jit import kernel
 from cosim.coupling.plant import Plant
 from cosim.fmi.calls import FMI_ERROR, Addresses, Calls
 from cosim.fmi.fmu import FmuError
@@ -324,17 +325,48 @@ class SpeedNoise:
         self._motors = config.robot.motors_count
         children = range(robots * self._motors)
         self._generators = [generator(seed, child) for child in children]
-        self._amplitude = config.noise.relative_amplitude
-        self._hold = round(config.noise.hold_s / config.timing.control_period_s)
-        self._held = np.empty((0, len(children)))  # periods that the last values have left
+        self.amplitude = config.noise.relative_amplitude
+        self.hold = round(config.noise.hold_s / config.timing.control_period_s)
+        self._values, self._left = np.zeros(len(children)), np.zeros(1, dtype=np.int64)
 
     def draw(self, periods: int) -> np.ndarray:
         """Return the noise of the next control periods, shape (periods, N, M)."""
-        draws = max(0, math.ceil((periods - len(self._held)) / self._hold))
-        values = np.empty((len(self._generators), draws))
-        for rng, row in zip(self._generators, values, strict=True):
+        draws = max(0, math.ceil((periods - self._left[0]) / self.hold))
+        uniforms = np.empty((len(self._values), draws))
+        for rng, row in zip(self._generators, uniforms, strict=True):
             rng.random(out=row)
-        values = (2.0 * values - 1.0) * self._amplitude
-        noise = np.concatenate([self._held, np.repeat(values.T, self._hold, axis=0)])
-        self._held = noise[periods:].copy()
-        return noise[:periods].reshape(periods, -1, self._motors)
+        noise = np.empty((periods, len(self._values) // self._motors, self._motors))
+        write_noise(noise, uniforms, self.amplitude, self.hold, self._values, self._left)
+        return noise
+
+
+@kernel
+def write_noise(
+    noise: np.ndarray,
+    uniforms: np.ndarray,
+    amplitude: float,
+    hold: int,
+    values: np.ndarray,
+    left: np.ndarray,
+) -> None:
+    """Write the speed noise of the next control periods.
+
+    Args:
+        noise: (periods, N or more, M).
+        uniforms: (N M, draws) in [0, 1), as many as are needed.
+        hold: control periods that a value lasts.
+        values: (N M,) in force; updated.
+        left: (1,) int64, control periods that they have left; updated.
+    """
+    periods, motors = noise.shape[0], noise.shape[2]
+    rest = left[0]
+    for k in range(len(values)):
+        value, rest, drawn = values[k], left[0], 0
+        for period in range(periods):
+            if rest == 0:
+                value, rest = (2.0 * uniforms[k, drawn] - 1.0) * amplitude, hold
+                drawn += 1
+            noise[period, k // motors, k % motors] = value
+            rest -= 1
+        values[k] = value
+    left[0] = rest

@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 
-from cosim.base.jit import inlined
+from cosim.base.jit import inlined, kernel
 from cosim.model.params import EstimatorParams
 from cosim.model.world import Sensor
 from cosim.onboard.estimation import POSE, Pose, correct, estimate_now, odometry, start_estimate
-from cosim.physics.trig import normals
+from cosim.physics.trig import make_normal
 
 # Layout of one robot's camera, float64; times in control periods.
 INTERVAL = 0  # between frames, 0 without a camera
@@ -28,6 +28,7 @@ _AT, _FOUND, _SEEN, _REFERENCE = 0, 1, 2, 5
 FRAME_SIZE = 9
 
 NOISE = 4  # of a frame: x, y in m, heading in rad, and whether the robot is found
+SIGHT_DRAWS = NOISE + 1  # uniform numbers for them
 
 
 def camera_of(sensor: Sensor, control_period_s: float) -> np.ndarray:
@@ -54,11 +55,35 @@ def frames_within(sensor: Sensor, seconds: float) -> int:
 
 def draw_sight(sensor: Sensor, rng: np.random.Generator, frames: int) -> np.ndarray:
     """Draw the camera's noise of one robot in some frames, shape (frames, NOISE)."""
-    sight = normals(rng.random((frames, NOISE)))
-    sight[:, :2] *= 1e-3 * sensor.position_noise_mm
-    sight[:, 2] *= math.radians(sensor.heading_noise_deg)
-    sight[:, 3] = rng.random(frames) >= sensor.dropout
+    sight = np.empty((frames, NOISE))
+    write_sight(sight, rng.random(frames * SIGHT_DRAWS), *spread_of(sensor))
     return sight
+
+
+def spread_of(sensor: Sensor) -> tuple[float, float, float]:
+    """Return the standard deviations in m and rad of a frame, and the share of lost ones."""
+    deviation_m, deviation_rad = 1e-3 * sensor.position_noise_mm, sensor.heading_noise_deg
+    return deviation_m, math.radians(deviation_rad), sensor.dropout
+
+
+@kernel
+def write_sight(
+    sight: np.ndarray,
+    uniforms: np.ndarray,
+    deviation_m: float,
+    deviation_rad: float,
+    dropout: float,
+) -> None:
+    """Write the camera's noise of one robot in some frames, (frames, NOISE).
+
+    `uniforms`, (frames SIGHT_DRAWS,) in [0, 1), is used up.
+    """
+    normal = uniforms[: len(sight) * NOISE]
+    make_normal(normal)
+    for k in range(len(sight)):
+        sight[k, 0], sight[k, 1] = deviation_m * normal[4 * k], deviation_m * normal[4 * k + 1]
+        sight[k, 2] = deviation_rad * normal[4 * k + 2]
+        sight[k, 3] = uniforms[len(normal) + k] >= dropout
 
 
 @inlined

@@ -6,12 +6,14 @@ A cell belongs to the robot with its centre in it; distance class (Eq. 9) and gr
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from cosim.base.errors import UserError
-from cosim.base.jit import inlined, kernel
+from cosim.base.jit import inlined
 from cosim.model.scenario import Cell, Scenario, touching_pair
+from cosim.onboard.estimation import POSE
 from cosim.onboard.features import (
     DIRECTION_COUNT,
     DistanceThresholds,
@@ -20,10 +22,30 @@ from cosim.onboard.features import (
     distance_thresholds,
     gradient_sign,
 )
+from cosim.onboard.steering import GOAL_X, waits
 
 _SECTOR_RAD = 2.0 * math.pi / DIRECTION_COUNT
 DRAWS = 20_000  # of start cells, before a scenario counts as one without free ones
 _NOBODY = np.iinfo(np.int64).max  # squared distance to the nearest other of a robot alone
+
+
+class Area(NamedTuple):
+    """Where robots are asked, and by which distances they see each other."""
+
+    cell_m: float  # edge of a cell
+    # Least and largest coordinate in m, the latter on each axis; infinite without a camera, which
+    # may put robots off the board
+    least_m: float
+    most_m: tuple[float, float]
+    thresholds: DistanceThresholds
+
+
+def area_of(scenario: Scenario, camera: bool) -> Area:
+    """Return the area of a scenario."""
+    width_m, height_m = scenario.size_m
+    inside = math.nextafter(width_m, 0.0), math.nextafter(height_m, 0.0)
+    limits = (0.0, inside) if camera else (-math.inf, (math.inf, math.inf))
+    return Area(scenario.cell_m, *limits, distance_thresholds(scenario))
 
 
 @inlined
@@ -32,52 +54,49 @@ def cell_of(coordinate_m: float, cell_m: float) -> int:
     return math.floor(coordinate_m / cell_m)
 
 
-@kernel
-def cells_of(positions_m: np.ndarray, cell_m: float) -> np.ndarray:
-    """Cell of each robot, (N, 2) int64, from the robots' centres (N, 2)."""
-    cells = np.empty((len(positions_m), 2), dtype=np.int64)
-    for i in range(len(positions_m)):
-        cells[i, 0] = cell_of(positions_m[i, 0], cell_m)
-        cells[i, 1] = cell_of(positions_m[i, 1], cell_m)
-    return cells
-
-
-@kernel
-def nearest_squared(cells: np.ndarray) -> np.ndarray:
-    """Squared distance in cells² of each robot to the nearest other, (N,) int64."""
-    squared = np.full(len(cells), _NOBODY)
-    for i in range(len(cells)):
-        for j in range(len(cells)):
-            if j != i:
-                dx, dy = cells[j, 0] - cells[i, 0], cells[j, 1] - cells[i, 1]
-                squared[i] = min(squared[i], dx * dx + dy * dy)
+@inlined
+def nearest_squared(cells: np.ndarray, i: int) -> int:
+    """Squared distance in cells² of robot i to the nearest other, from all robots' cells (N, 2)."""
+    squared = _NOBODY
+    for j in range(len(cells)):
+        if j != i:
+            dx, dy = cells[j, 0] - cells[i, 0], cells[j, 1] - cells[i, 1]
+            squared = min(squared, dx * dx + dy * dy)
     return squared
 
 
-@kernel
+@inlined
 def observe(
-    positions_m: np.ndarray,
-    headings_rad: np.ndarray,
-    cell_m: float,
-    thresholds: DistanceThresholds,
+    estimates: np.ndarray,
+    commands: np.ndarray,
+    area: Area,
     squared_before: np.ndarray,
-    targets: np.ndarray,
-) -> Observation:
-    """Return what a policy sees.
+    positions_m: np.ndarray,
+    squared: np.ndarray,
+    seen: Observation,
+) -> None:
+    """Write what a policy sees but for targets.
 
     Args:
-        headings_rad: (N,) counter-clockwise from +x.
-        squared_before: (N,) int64, `nearest_squared` at each robot's previous decision.
+        estimates, commands: (N, …) of `cosim.onboard.estimation` and `steering`.
+        squared_before: (N,) int64, `squared` at each robot's previous decision.
+        positions_m: (N, 2) where robots take themselves to be; written.
+        squared: (N,) int64, `nearest_squared` now; written.
     """
-    cells = cells_of(positions_m, cell_m)
-    squared = nearest_squared(cells)
-    classes, signs, directions = squared.copy(), squared.copy(), squared.copy()
-    for i in range(len(cells)):
-        classes[i] = distance_class(squared[i], thresholds)
-        signs[i] = gradient_sign(squared[i], squared_before[i])
-        sector = np.rint(headings_rad[i] / _SECTOR_RAD)
-        directions[i] = int(sector) % DIRECTION_COUNT
-    return Observation(cells, classes, signs, directions, targets.copy())
+    for i in range(len(estimates)):
+        for axis in range(2):
+            # No robot that is asked estimates itself off the board.
+            position_m = min(max(estimates[i, POSE + axis], area.least_m), area.most_m[axis])
+            positions_m[i, axis], cell = position_m, cell_of(position_m, area.cell_m)
+            goal = cell_of(commands[i, GOAL_X + axis], area.cell_m)
+            seen.cells[i, axis] = cell
+            seen.goals[i, axis] = cell if waits(commands[i]) else goal
+    for i in range(len(estimates)):
+        squared[i] = nearest_squared(seen.cells, i)
+        seen.distance_class[i] = distance_class(squared[i], area.thresholds)
+        seen.gradient_sign[i] = gradient_sign(squared[i], squared_before[i])
+        sector = np.rint(estimates[i, POSE + 2] / _SECTOR_RAD)
+        seen.direction[i] = int(sector) % DIRECTION_COUNT
 
 
 def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...]:

@@ -18,11 +18,13 @@ from cosim.base.jit import inlined, kernel
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
 from cosim.onboard.observing import cell_of
+from cosim.onboard.steering import GOAL_X, GOAL_Y, HOLD, MODE
 from cosim.physics.collision import away_from
 
 WAIT = -1
 # nearest direction first, and of two equally near the one to the left
 NEAREST_FIRST = np.array([0, 1, -1, 2, -2, 3, -3, 4])
+DETOUR_DRAWS = len(NEAREST_FIRST)  # uniform numbers that `give_way` uses at most
 _ROUNDING_M = 1e-9
 
 Point = tuple[float, float]
@@ -97,6 +99,46 @@ def _cross(a: Line, b: Line) -> bool:
     first = (end_x - x) * (b[0][1] - y) - (end_y - y) * (b[0][0] - x)
     second = (end_x - x) * (b[1][1] - y) - (end_y - y) * (b[1][0] - x)
     return first * second < 0.0
+
+
+@kernel
+def give_way(
+    board: Board,
+    positions: np.ndarray,
+    commands: np.ndarray,
+    robot: int,
+    direction: int,
+    margin_m: float,
+    draws: np.ndarray,
+) -> tuple[int, int]:
+    """The permitted direction of a robot, given its desired one; half of the detours are random.
+
+    Robots that only ever yield to the nearest side may do so to each other endlessly.
+
+    Args:
+        positions, robot, direction, margin_m: see `permitted`.
+        commands: (N, COMMAND_SIZE) of `cosim.onboard.steering`.
+        draws: (DETOUR_DRAWS,) or more, uniform numbers in [0, 1).
+
+    Returns:
+        The direction, WAIT to stand; and how many of `draws` have been used, from the first.
+    """
+    goals, turns = np.empty_like(positions), NEAREST_FIRST.copy()
+    for i in range(len(goals)):
+        stands = i == robot or commands[i, MODE] == HOLD
+        goals[i, 0] = math.nan if stands else commands[i, GOAL_X]
+        goals[i, 1] = math.nan if stands else commands[i, GOAL_Y]
+    allowed = permitted(board, positions, goals, robot, direction, margin_m, turns)
+    if allowed in (direction, WAIT):
+        return allowed, 0
+    if draws[0] >= 0.5:
+        return allowed, 1
+    for k in range(1, len(turns)):
+        rank = 1
+        for i in range(1, len(turns)):
+            rank += (draws[i], i) < (draws[k], k)
+        turns[rank] = NEAREST_FIRST[k]
+    return permitted(board, positions, goals, robot, direction, margin_m, turns), len(turns)
 
 
 @kernel

@@ -53,12 +53,20 @@ def frictions(bodies: np.ndarray) -> int:
     return NORMALS + feet_of_bodies(bodies)
 
 
+@inlined
+def stand(state: np.ndarray, height_m: float, x_m: float, y_m: float, heading_rad: float) -> None:
+    """Write the state of a robot at rest on its feet, with its centre of mass at a height."""
+    for row in range(len(state)):
+        state[row] = 0.0
+    state[X], state[Y], state[Z] = x_m, y_m, height_m
+    sine, cosine = sine_cosine(heading_rad / 2.0)
+    state[Q_W], state[Q_Z] = cosine, sine
+
+
 def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: float) -> np.ndarray:
     """State of a robot at rest on its feet, shape (state_size(M),)."""
-    state = np.zeros(state_size(robot.feet_count))
-    state[POSITION] = x_m, y_m, robot.com_height_m
-    sine, cosine = sine_cosine(heading_rad / 2.0)
-    state[QUATERNION] = cosine, 0.0, 0.0, sine
+    state = np.empty(state_size(robot.feet_count))
+    stand(state, robot.com_height_m, x_m, y_m, heading_rad)
     return state
 
 

@@ -8,15 +8,17 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
+from cosim.base.jit import kernel
 from cosim.model.params import MotorParams, motor_names
 from cosim.model.world import World
-from cosim.physics.trig import normals
+from cosim.physics.trig import make_normal
 
 # Limit of drawn factors, in standard deviations from 1.
 _MOST_DEVIATIONS = 3.0
 # Children of an episode's seed: motors' noise has the first ones.
-_WORLD_CHILD, CAMERA_CHILD = 1_000_000, 2_000_000  # of the camera's noise, the first robot's
+WORLD_CHILD, CAMERA_CHILD = 1_000_000, 2_000_000  # of the camera's noise, the first robot's
 DETOUR_CHILD = 3_000_000
+VARIED = 4  # parameters of a motor that differ: K_T, R, J and r
 
 
 class Drawn(msgspec.Struct, frozen=True):
@@ -34,6 +36,21 @@ class Drawn(msgspec.Struct, frozen=True):
         } | {"floor": {"tilt_direction_deg": self.tilt_direction_deg}}
 
 
+@kernel
+def make_factors(uniforms: np.ndarray, spread: float) -> None:
+    """Make factors of motors' parameters of an even number of uniform ones in [0, 1), in place."""
+    make_normal(uniforms)
+    for k in range(len(uniforms)):
+        limited = min(max(uniforms[k], -_MOST_DEVIATIONS), _MOST_DEVIATIONS)
+        uniforms[k] = 1.0 + spread * limited
+
+
+@kernel
+def direction_of(uniform: float) -> float:
+    """Return the direction in deg in which the floor falls, six decimals of it."""
+    return np.rint(360.0e6 * uniform) / 1.0e6
+
+
 def generator(seed: np.random.SeedSequence, child: int) -> np.random.Generator:
     """Generator of a child of a seed; the seed stays as it is, unlike with `seed.spawn`."""
     return np.random.default_rng(
@@ -45,12 +62,11 @@ def draw_world(
     world: World, motors: Sequence[MotorParams], robots: int, seed: np.random.SeedSequence
 ) -> Drawn:
     """Draw the values of an episode, of robots with some motors each."""
-    rng = generator(seed, _WORLD_CHILD)
-    normal = normals(rng.random((robots, len(motors), 4)))
-    factors = 1.0 + (world.motor_spread or 0.0) * np.clip(
-        normal, -_MOST_DEVIATIONS, _MOST_DEVIATIONS
-    )
-    direction_deg = round(360.0 * rng.random(), 6) if world.floor_tilt_deg else 0.0
+    rng = generator(seed, WORLD_CHILD)
+    factors = rng.random(robots * len(motors) * VARIED)
+    make_factors(factors, world.motor_spread or 0.0)
+    factors = factors.reshape(robots, len(motors), VARIED)
+    direction_deg = direction_of(rng.random()) if world.floor_tilt_deg else 0.0
 
     def own(motor: MotorParams, row: np.ndarray) -> MotorParams:
         if not world.motor_spread:

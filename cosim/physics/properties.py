@@ -9,12 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.jit import inlined, unrolled
+from cosim.base.jit import inlined, kernel, unrolled
 from cosim.model.params import MotorParams, RobotParams
 from cosim.model.world import IDEAL, World
 from cosim.physics.body_state import X, Y, orientation_of, read_vector
 from cosim.physics.contact import CONTACT_TOLERANCE, OWN_MU, ContactParams, contact_params
-from cosim.physics.draws import Drawn
 from cosim.physics.forces import MotorMount
 from cosim.physics.lanes import Width, any_lane, load
 from cosim.physics.mass import mass_of
@@ -111,10 +110,25 @@ def properties_of(params: BodyParams, mounts: Sequence[MotorMount]) -> np.ndarra
     )
 
 
-def gravity(world: World, drawn: Drawn, g: float) -> tuple[float, float, float]:
-    """Return the gravitational acceleration in m/s² in the frame of the floor, z away from it."""
-    sine, down = sine_cosine(math.radians(world.floor_tilt_deg))
-    aside, ahead = sine_cosine(math.radians(drawn.tilt_direction_deg))
+@kernel
+def write_own(properties: np.ndarray, column: int, gravity: Vector, motors: np.ndarray) -> None:
+    """Write what is a robot's own in a world: gravity in m/s², and its motors' r and J (M, 2)."""
+    for axis in range(3):
+        properties[GRAVITY + axis, column] = gravity[axis]
+    first = properties.shape[0] - motors.size
+    for motor in range(len(motors)):
+        for k in range(2):
+            properties[first + 2 * motor + k, column] = motors[motor, k]
+
+
+@kernel
+def gravity(tilt_deg: float, direction_deg: float, g: float) -> tuple[float, float, float]:
+    """Return the gravitational acceleration in m/s² in the frame of a floor, z away from it.
+
+    It falls by an angle in a direction, counter-clockwise from +x.
+    """
+    sine, down = sine_cosine(math.radians(tilt_deg))
+    aside, ahead = sine_cosine(math.radians(direction_deg))
     along = g * sine
     return along * ahead, along * aside, -g * down
 

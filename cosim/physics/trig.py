@@ -167,7 +167,11 @@ def logarithm(x: float) -> float:
 
 
 @kernel
-def _normals(uniforms: np.ndarray) -> None:
+def make_normal(uniforms: np.ndarray) -> None:
+    """Make standard normal numbers of an even number of uniform ones in [0, 1), in place.
+
+    By the method of Box and Muller (1958), which makes two of two.
+    """
     for k in range(0, len(uniforms), 2):
         size = math.sqrt(-2.0 * logarithm(1.0 - uniforms[k]))
         sine, cosine = sine_cosine(2.0 * math.pi * uniforms[k + 1])
@@ -175,10 +179,7 @@ def _normals(uniforms: np.ndarray) -> None:
 
 
 def normals(uniforms: np.ndarray) -> np.ndarray:
-    """Return standard normal numbers made of uniform ones in [0, 1), an even number of them.
-
-    By the method of Box and Muller (1958), which makes two of two.
-    """
+    """Return standard normal numbers by `make_normal`, in the shape of the uniform ones."""
     found = uniforms.flatten()
-    _normals(found)
+    make_normal(found)
     return found.reshape(uniforms.shape)

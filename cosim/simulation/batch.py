@@ -117,8 +117,8 @@ class Batch:
             lanes = 2 if places * robots <= 2 else host_lanes()
         columns = columns_of(places * robots, lanes)
         self._motors = Motors(fmu, config, columns, sampled=driver == "fmpy")
-        self._driver = DRIVERS[driver](self._motors, lanes)
-        self._plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
+        self.driver = DRIVERS[driver](self._motors, lanes)
+        self.plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
         self._sizes = config.robot.motors_count, config.robot.feet_count
         self.state = new_state(places, robots, columns, *self._sizes)
         self.state.properties[:] = robot_properties(config)[:, None]
@@ -237,7 +237,7 @@ class Batch:
             state.periods[:] = 0
             part = noise[begin : begin + stretch]
             try:
-                self._driver.advance(self._plant, sighted, part, samples, raw)
+                self.driver.advance(self.plant, sighted, part, samples, raw)
             except NotFiniteError as error:
                 place, robot = divmod(error.column, self.robots)
                 name, start_s = f"robot {robot + 1}", begin_s
@@ -275,7 +275,7 @@ class Batch:
         noise = np.zeros((0, columns, self._sizes[0]))
         samples = new_samples(0, columns, *self._sizes)
         raw = new_raw_samples(0, columns, *self._sizes)
-        self._driver.advance(self._plant, self.state, noise, samples, raw)
+        self.driver.advance(self.plant, self.state, noise, samples, raw)
         # Arrays without rows would be contiguous, and compile another version.
         still = Measures(np.zeros((columns, 2)), np.zeros(columns), PATH_SAMPLING_S)
         still.add(new_samples(2, columns, *self._sizes))

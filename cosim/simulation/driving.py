@@ -96,11 +96,13 @@ class DrivenEpisode(RunningEpisode):
     A robot has arrived when its centre is in its target's cell at the end of one.
     """
 
+    _driven = True
+
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.memory: dict[str, Any] = {}
         self.targets_m = np.array([self.scenario.centre_m(cell) for cell in self.scenario.targets])
-        self._poses = self._estimates[:, POSE : POSE + 3].copy()
+        self._poses = self._robots.estimates[self._columns, POSE : POSE + 3].copy()
         self._velocities = np.zeros((self.scenario.robots, 3))
 
     def motion(self) -> DriveObservation:
@@ -118,7 +120,8 @@ class DrivenEpisode(RunningEpisode):
     def end_step(self) -> Step:
         """See `RunningEpisode.end_step`."""
         step = super().end_step()
-        before, self._poses = self._poses, self._estimates[:, POSE : POSE + 3].copy()
+        before = self._poses
+        self._poses = self._robots.estimates[self._columns, POSE : POSE + 3].copy()
         self._velocities = velocities(before, self._poses, self.config.timing.rl_step_s)
         return step
 
@@ -138,13 +141,10 @@ class DrivenEpisode(RunningEpisode):
             )
         return set_points
 
-    def _adopt(self, action: np.ndarray) -> np.ndarray:
-        self._commands[:, OMEGA_D : OMEGA_D + action.shape[1]] = action
-        self._commands[:, MODE] = np.where(self._arrived, HOLD, DIRECT)
-        return np.zeros(len(action), dtype=bool)  # none of them decided on a move
-
-    def _arriving(self, completed: np.ndarray) -> np.ndarray:
-        return super()._arriving(np.ones_like(completed))
+    def _adopt(self, action: np.ndarray) -> None:
+        commands = self._robots.commands[self._columns]
+        commands[:, OMEGA_D : OMEGA_D + action.shape[1]] = action
+        commands[:, MODE] = np.where(self.moves.arrived, HOLD, DIRECT)
 
 
 def in_frames(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:

@@ -7,7 +7,6 @@ A cell belongs to the robot with its centre in it; distance class and gradient s
 the cells. Nothing here advances time (that is `cosim.simulation.batch`), learns or records.
 """
 
-import math
 from typing import Any
 
 import numpy as np
@@ -18,35 +17,25 @@ from cosim.coupling.assembly import SpeedNoise, robot_properties
 from cosim.coupling.rl_step import POSES_S, SAMPLED, Decision, Step, decide, sampled_of
 from cosim.coupling.signals import RawSamples, Samples, State
 from cosim.model.config import CoSimConfig
-from cosim.model.outcome import BY_RANK, RUNNING, Outcome
+from cosim.model.outcome import BY_RANK, Outcome
 from cosim.model.params import motors_of
 from cosim.model.scenario import Cell, Scenario
 from cosim.onboard.camera import camera_of, draw_sight
 from cosim.onboard.estimation import POSE
-from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS, Observation, distance_thresholds
-from cosim.onboard.observing import cells_of, nearest_squared, observe
-from cosim.onboard.shield import PARKED, STOPS, plan_margin
-from cosim.onboard.steering import (
-    DIRECTION,
-    DRIVE,
-    GOAL_X,
-    GOAL_Y,
-    HOLD,
-    MODE,
-    PAST,
-    START,
-    THROUGH,
-)
-from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
-from cosim.physics.body_state import PLANE, standing_state
-from cosim.physics.contact import floor_margin
+from cosim.onboard.features import DIRECTION_COUNT, Observation
+from cosim.onboard.shield import STOPS
+from cosim.onboard.steering import THROUGH
+from cosim.physics.body_state import PLANE
 from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator
-from cosim.physics.properties import gravity
+from cosim.physics.properties import gravity, write_own
+from cosim.simulation import rules
 from cosim.simulation.measures import Measures
 
 
 class RunningEpisode:
     """One episode in its columns of a co-simulation's state."""
+
+    _driven = False  # whether robots arrive wherever they are at the end of an RL step
 
     def __init__(
         self,
@@ -72,56 +61,36 @@ class RunningEpisode:
         self.scenario, self.config = scenario, config
         motors_each = motors_of(config.robot, config.motor)
         self.drawn = draw_world(config.world, motors_each, n, seed)
-        down = gravity(config.world, self.drawn, config.motor.g)
+        down = gravity(config.world.floor_tilt_deg, self.drawn.tilt_direction_deg, config.motor.g)
+        state.properties[:, columns] = robot_properties(config)[:, None]
         for column, motors in enumerate(self.drawn.motors, columns.start):
-            state.properties[:, column] = robot_properties(config, down, motors)
-        self._board = board_of(scenario, floor_margin(config.robot, config.world))
-        self._thresholds = distance_thresholds(scenario)
-        self._targets = np.array(scenario.targets)
+            write_own(state.properties, column, down, np.array([(m.r, m.J) for m in motors]))
+        self.rules = rules.rules_of(scenario, config)
+        self.moves = rules.new_moves(np.array(scenario.targets))
         self._columns = columns
         self.bind(state)
-        sensor, period_s = config.world.camera, config.timing.control_period_s
-        self._estimates[:] = 0.0
-        state.cameras[columns] = camera_of(sensor, period_s)
-        self._commands[:] = self._shields[:] = 0.0
-        self._commands[:, THROUGH] = config.through
-        headings_rad = np.empty(n)
-        for robot, cell in enumerate(starts):
-            x, y = scenario.centre_m(cell)
-            # Assumed: robots are set down facing the middle of the board.
-            facing = math.copysign(math.pi / 2.0, scenario.size_m[1] / 2.0 - y)
-            self._bodies[robot] = standing_state(config.robot, x, y, facing)
-            self._estimates[robot, POSE : POSE + 3] = x, y, facing
-            headings_rad[robot] = facing
+        state.cameras[columns] = camera_of(config.world.camera, config.timing.control_period_s)
+        state.estimates[columns] = state.commands[columns] = state.shields[columns] = 0.0
+        state.commands[columns, THROUGH] = config.through
+        rules.put_down(self.rules, self._robots, self.moves, np.array(starts))
         self._detours = generator(seed, DETOUR_CHILD)
         self.noise = SpeedNoise(config, seed, n)
         self._cameras = [generator(seed, CAMERA_CHILD + robot) for robot in range(n)]
-        self._step = self._tick = 0
-        self.conflicts = 0
-        self._arrived = np.zeros(n, dtype=bool)
-        self._moving_since = np.zeros(n, dtype=np.int64)  # ticks
-        self._move_limit = config.ticks(config.timing.move_limit_s)
-        self._episode_limit = config.ticks(config.timing.episode_limit_s)
-        self._action = np.full(n, -1)
-        positions_m = self._positions_m()
-        self._squared_at_decision = nearest_squared(cells_of(positions_m, self._board.cell_m))
-        self.measures = Measures(positions_m, headings_rad, config.timing.control_period_s)
+        self._step = 0
+        headings_rad = state.estimates[columns, POSE + 2].copy()
+        self.measures = Measures(self.positions_m, headings_rad, config.timing.control_period_s)
         self.outcome = Outcome.RUNNING
-        self.observation = self._observe()
+        self.observation = self._observation()
 
     def bind(self, state: State) -> None:
         """Take the episode's columns of a co-simulation's state for its own."""
-        columns = self._columns
-        self._bodies, self._commands = state.bodies[:, columns].T, state.commands[columns]
-        self._estimates, self._shields = state.estimates[columns], state.shields[columns]
-        self._events = state.events[columns]
+        self._robots = rules.robots_of(state, self._columns.start)
         motors = self.config.robot.motors_count
-        self._speeds = state.outputs[motors : 2 * motors, columns].T
+        self._speeds = state.outputs[motors : 2 * motors, self._columns].T
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the columns, which `bind` gives to a copy."""
-        views = ("_bodies", "_commands", "_estimates", "_shields", "_events", "_speeds")
-        return {name: value for name, value in vars(self).items() if name not in views}
+        return {n: value for n, value in vars(self).items() if n not in ("_robots", "_speeds")}
 
     @property
     def time_s(self) -> float:
@@ -131,23 +100,31 @@ class RunningEpisode:
     @property
     def positions_m(self) -> np.ndarray:
         """True centres of the robots, (N, 2)."""
-        return self._bodies[:, PLANE].copy()
+        return self._robots.bodies[PLANE, self._columns].T.copy()
 
     @property
     def arrived(self) -> np.ndarray:
         """Which robots have reached their targets, shape (N,), bool."""
-        return self._arrived.copy()
+        return self.moves.arrived.copy()
 
     @property
     def shield_stops(self) -> int:
         """Moves that the shield has ended."""
-        return int(self._shields[:, STOPS].sum())
+        return int(self._robots.shields[self._columns, STOPS].sum())
 
     @property
     def awaiting(self) -> np.ndarray:
         """(N,) bool, robots that adopt an action next: they wait for one, or are late."""
-        late = self._tick - self._moving_since >= self._move_limit
-        return ~self._arrived & (self._at_end() | late)
+        return self.moves.awaiting.copy()
+
+    @property
+    def conflicts(self) -> int:
+        """Moves that the shield has changed."""
+        return int(self.moves.counts[rules.CONFLICTS])
+
+    @property
+    def _tick(self) -> int:
+        return int(self.moves.counts[rules.TICK])
 
     def ask(self, policy: Any) -> Decision:
         """Return what a policy decides on what it sees now."""
@@ -155,9 +132,8 @@ class RunningEpisode:
 
     def begin_step(self, action: Any) -> None:
         """Adopt (N,) directions, as a policy returned them; a robot under way keeps its own."""
-        self._decided = self._adopt(self._directions(action))
         self._first_tick = self._tick
-        self._was_moving = ~self._at_end()
+        self._adopt(self._directions(action))
 
     def draw_camera(self, sight: np.ndarray) -> None:
         """Draw the camera's frames of an RL step, (M, N, NOISE) of `cosim.onboard.camera`."""
@@ -187,11 +163,11 @@ class RunningEpisode:
 
     def pass_periods(self, periods: int) -> None:
         """Count control periods that were simulated."""
-        self._tick += periods * self.config.ticks_per_period
+        self.moves.counts[rules.TICK] += periods * self.config.ticks_per_period
 
     def end_step(self) -> Step:
         """Determine the outcome of the simulation since the step began."""
-        in_force, before = self._action.copy(), self.observation
+        before, moves = self.observation, self.moves
         samples, raw, poses, first_m, _ = self._taken[0]
         if len(self._taken) > 1:
             of_all = list(zip(*self._taken, strict=True))
@@ -200,24 +176,19 @@ class RunningEpisode:
             poses = np.concatenate(of_all[2])
         moved = self._taken[-1][4] - first_m
         self._taken.clear()
-        completed = self._was_moving & self._at_end()
-        self.observation = self._observe()
-        self._arrived |= self._arriving(completed)
-        self._commands[self._arrived, MODE] = HOLD
-        self._shields[:, PARKED] = self._arrived
-        events = self._events.copy()
-        self.outcome = self._judge(max(events.tolist()))
+        self.outcome = BY_RANK[rules.conclude(self.rules, self._robots, moves, self._driven)]
+        self.observation = self._observation()
         step = Step(
             number=self._step,
             first_tick=self._first_tick,
             before=before,
             after=self.observation,
-            action=in_force,
-            decided=self._decided,
-            completed=completed,
+            action=moves.action.copy(),
+            decided=moves.decided.copy(),
+            completed=moves.completed.copy(),
             samples=samples,
             raw=raw,
-            events=events,
+            events=self._robots.events[self._columns].copy(),
             outcome=self.outcome,
             duration_s=(self._tick - self._first_tick) * self.config.timing.dt_s,
             moved_m=np.linalg.norm(moved, axis=1),
@@ -226,11 +197,6 @@ class RunningEpisode:
         )
         self._step += 1
         return step
-
-    def _arriving(self, completed: np.ndarray) -> np.ndarray:
-        """(N,) bool, robots that ended their move on their target, wherever they think they are."""
-        where = cells_of(self.positions_m, self._board.cell_m)
-        return completed & (where == self._targets).all(axis=1)
 
     def _directions(self, action: Any) -> np.ndarray:
         n = self.scenario.robots
@@ -242,73 +208,15 @@ class RunningEpisode:
             )
         return directions
 
-    def _adopt(self, action: np.ndarray) -> np.ndarray:
-        """Give fresh commands to the robots that wait or are late; returns which, (N,) bool."""
-        commands, cells = self._commands, cells_of(self._positions_m(), self._board.cell_m)
-        decided = self.awaiting
-        squared = nearest_squared(cells)
-        for robot in np.flatnonzero(decided):
-            before, direction = self._action[robot], self._permitted(int(robot), int(action[robot]))
-            self._action[robot] = direction
-            if direction == WAIT:
-                commands[robot, MODE] = HOLD
-                decided[robot] = False
-                continue
-            column, row = (cells[robot] + DIRECTIONS[direction]).tolist()
-            commands[robot, GOAL_X : GOAL_Y + 1] = self.scenario.centre_m((column, row))
-            commands[robot, DIRECTION] = direction * 2.0 * math.pi / DIRECTION_COUNT
-            on = commands[robot, MODE] == PAST and direction == before
-            commands[robot, MODE] = DRIVE if on else START
-            self._moving_since[robot] = self._tick
-            self._squared_at_decision[robot] = squared[robot]
-        self._action[self._arrived] = -1
-        return decided
+    def _adopt(self, action: np.ndarray) -> None:
+        """Give fresh commands to the robots that wait or are late."""
+        moves, wanted = self.moves, np.ascontiguousarray(action, dtype=np.int64)
+        if self.config.shield and (used := int(moves.counts[rules.USED])):
+            left = len(moves.detours) - used
+            moves.detours[:left] = moves.detours[used:]
+            self._detours.random(out=moves.detours[left:])
+            moves.counts[rules.USED] = 0
+        rules.adopt(self.rules, self._robots, moves, wanted, self.config.shield)
 
-    def _at_end(self) -> np.ndarray:
-        """Which robots wait for a decision, (N,) bool."""
-        mode = self._commands[:, MODE]
-        return (mode == HOLD) | (mode == PAST)
-
-    def _permitted(self, robot: int, direction: int) -> int:
-        """Return the direction that the shield permits instead of one; WAIT to stand."""
-        if not self.config.shield:
-            return direction
-        goals = self._commands[:, GOAL_X : GOAL_Y + 1].copy()
-        goals[self._commands[:, MODE] == HOLD] = np.nan
-        goals[robot] = np.nan
-        margin_m = plan_margin(self._estimates, self.config.shield)
-        asked = self._board, self._positions_m(), goals, robot, direction, margin_m
-        allowed = permitted(*asked, NEAREST_FIRST)
-        self.conflicts += allowed != direction
-        if allowed not in (direction, WAIT) and self._detours.random() < 0.5:
-            # Robots that only ever yield to the nearest side may do so to each other endlessly.
-            others = NEAREST_FIRST[1:][self._detours.random(len(NEAREST_FIRST) - 1).argsort()]
-            allowed = permitted(*asked, np.concatenate([NEAREST_FIRST[:1], others]))
-        return allowed
-
-    def _positions_m(self) -> np.ndarray:
-        """Return the estimated positions of the robots, (N, 2)."""
-        positions_m = self._estimates[:, POSE : POSE + 2].copy()
-        if self.config.world.camera.rate_hz:
-            # No robot that is asked estimates itself off the board.
-            positions_m = positions_m.clip(0.0, np.nextafter(self.scenario.size_m, 0.0))
-        return positions_m
-
-    def _observe(self) -> Observation:
-        seen = observe(
-            self._positions_m(),
-            self._estimates[:, POSE + 2].copy(),
-            self._board.cell_m,
-            self._thresholds,
-            self._squared_at_decision,
-            self._targets,
-        )
-        goals = cells_of(self._commands[:, GOAL_X : GOAL_Y + 1].copy(), self._board.cell_m)
-        return seen._replace(goals=np.where(self._at_end()[:, None], seen.cells, goals))
-
-    def _judge(self, event: int) -> Outcome:
-        if event == RUNNING and all(self._arrived.tolist()):
-            return Outcome.SUCCESS
-        if event == RUNNING and self._tick >= self._episode_limit:
-            return Outcome.TIMEOUT
-        return BY_RANK[event]
+    def _observation(self) -> Observation:
+        return Observation(*(array.copy() for array in self.moves.seen))

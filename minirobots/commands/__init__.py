@@ -34,6 +34,7 @@ COMMANDS = {  # module, class and purpose of every command
     "transfer": ("policies", "Transfer", "Count the episodes that succeed, by method of training"),
     "validate": ("motors", "Validate", "Compare speeds and paths with those of real machines"),
     "video": ("recordings", "Video", "Make a video of an episode: the board from above"),
+    "web": ("episodes", "Web", "Write a page in which the robots drive in any browser"),
 }
 
 

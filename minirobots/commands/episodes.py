@@ -13,7 +13,7 @@ from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
-from cosim.simulation.options import EpisodeOptions, Setup, resolve
+from cosim.simulation.options import EpisodeOptions, Setup, SimulationOptions, resolve
 from minirobots.runner import Command, Output
 
 if TYPE_CHECKING:
@@ -184,6 +184,46 @@ class Run(Command):
             progress=progress,
         )
         return find_or_make(config, again=self.again, progress=progress)[:2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Web(Command):
+    """Write one HTML file in which the robots of a policy drive in any browser, without network.
+
+    It computes the co-simulation, by the same code compiled to WebAssembly, for any seed: an
+    episode has the bits of `minirobots run`. The file opens from disk, also on a phone.
+    """
+
+    scenario: opt.ScenarioName = "4"
+    policy: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY.npz")] = None
+    """Trained policy; by default one is made, or found in the cache."""
+    method: opt.MethodName | None = None
+    """Method that makes the policy, as in `minirobots run`, by default that of the scenario."""
+    out: opt.File = Path("page.html")
+    """Page to write (.html)."""
+    worlds: tuple[str, ...] = ()
+    """More worlds to choose from in the page: rough, or world files (.toml) with the obstacles of
+    the scenario. Set points are calibrated for each."""
+    seed: opt.Seed = 0
+    physics: Annotated[SimulationOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=SimulationOptions
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.policy is not None and self.method is not None:
+            raise ConfigError("--method has no effect on a trained policy; leave one of them out")
+        if self.physics.motor_fmu:
+            raise ConfigError("a page has the built-in motor only; leave out --motor-fmu")
+
+    def run(self, progress: Progress) -> Output:
+        from agent.web.page import write_page
+
+        made = {"policy": self.policy, "method": self.method, "worlds": self.worlds}
+        how = {"seed": self.seed, "progress": progress}
+        size = write_page(self.out, self.scenario, self.physics, **made, **how)
+        text = f"page in {self.out} ({size / 1e6:.2f} MB); open it in a browser"
+        return Output({"page": str(self.out), "bytes": size}, text)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -82,12 +82,11 @@ def test_parameters_of_a_world_are_values_of_json():
 
 
 def test_gravity_falls_where_the_floor_does():
-    drawn = Drawn((), 90.0)
-    x, y, z = gravity(World(floor_tilt_deg=10.0), drawn, 9.81)
+    x, y, z = gravity(10.0, 90.0, 9.81)
     assert math.hypot(x, y, z) == pytest.approx(9.81)
     assert x == pytest.approx(0.0, abs=1e-12)
     assert y == pytest.approx(9.81 * math.sin(math.radians(10.0)))
-    assert gravity(IDEAL, Drawn((), 0.0), 9.81) == (0.0, 0.0, -9.81)
+    assert gravity(0.0, 0.0, 9.81) == (0.0, 0.0, -9.81)
 
 
 SCENARIO = """

@@ -13,6 +13,8 @@ from cosim.model.params import SHIELD, TIMING
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTIONS
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, line_to_line, permitted
+from cosim.simulation import rules
+from cosim.simulation.rules import adopt
 from tests import alone
 
 E, N, W, S = 0, 2, 4, 6
@@ -104,7 +106,7 @@ def test_robots_that_would_collide_do_not_with_the_shield(motor_fmu, shield):
 
 def test_the_monitor_alone_keeps_robots_apart(motor_fmu, monkeypatch):
     """When nobody yields they meet, and are parted, again and again."""
-    monkeypatch.setattr("cosim.simulation.episode.permitted", lambda *asked: asked[4])
+    monkeypatch.setattr(rules, "adopt", lambda r, s, m, wanted, _: adopt(r, s, m, wanted, None))
     timing = TIMING._replace(episode_limit_s=30.0)
     system, outcome = drive(motor_fmu, CoSimConfig(shield=SHIELD, timing=timing), HeadOn())
     assert outcome == "timeout"

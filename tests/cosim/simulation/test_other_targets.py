@@ -13,6 +13,8 @@ from cosim.model.scenario_file import find_scenario
 from cosim.onboard.shield import STOPS
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.recording.episode_log import EpisodeLog
+from cosim.simulation import rules
+from cosim.simulation.rules import adopt
 from tests.alone import drive
 
 E, NE, N, NW, W, S = 0, 1, 2, 3, 4, 6
@@ -59,12 +61,12 @@ def test_the_shield_keeps_out_of_anothers_target(motor_fmu, straight_policy):
 
 
 def test_the_monitor_alone_keeps_out_of_anothers_target(motor_fmu, straight_policy, monkeypatch):
-    monkeypatch.setattr("cosim.simulation.episode.permitted", lambda *asked: asked[4])
+    monkeypatch.setattr(rules, "adopt", lambda r, s, m, wanted, _: adopt(r, s, m, wanted, None))
     timing = CoSimConfig().timing._replace(episode_limit_s=30.0)
     config = CoSimConfig(shield=SHIELD, timing=timing)
     system, _ = drive(BEYOND, motor_fmu, straight_policy(BEYOND.targets), config)
     assert system.episode.outcome == "timeout"
-    assert system.episode._shields[0, STOPS] >= 1
+    assert system.state.shields[0, STOPS] >= 1
 
 
 @pytest.mark.parametrize(

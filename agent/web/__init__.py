@@ -1,0 +1,1 @@
+"""A page that plays episodes in a browser by the same kernels."""
