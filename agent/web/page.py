@@ -5,7 +5,7 @@ import html
 import json
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +126,7 @@ def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str
     scenario, config, fmu = setup
     policy.require_scenario(scenario)
     n, motors, feet = scenario.robots, config.robot.motors_count, config.robot.feet_count
-    batch = Batch(fmu, config, n, 1, lanes=min(n, 2))
+    batch = Batch(fmu, config, n, 1, lanes=2)
     episode = batch.begin(0, scenario, *draw_episode(scenario, seed, 0))
     decide, decides = deciding(policy)
     play, instance = new_play(batch, episode, decides), batch.driver.motors.array
@@ -208,7 +208,8 @@ def _html(policy: GreedyPolicy, setup: Setup, worlds: list[dict[str, Any]], seed
         "about": (
             f"The policy is by the method {html.escape(policy.config.method)}. An episode is that "
             "of <code>minirobots run</code> with its seed and the options of this page, in every "
-            "bit: the same code, compiled to WebAssembly. Another friction changes the floor only."
+            "bit: the same code, compiled to WebAssembly. Another friction or noise leaves set "
+            "points as they are."
         ),
         "style": _text("style.css"),
         "worker": "\n".join(map(_text, _WORKER)),

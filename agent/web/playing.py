@@ -23,7 +23,7 @@ from cosim.coupling.master import run_periods
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import RawSamples, Samples, State, new_raw_samples, new_samples
 from cosim.fmi.calls import Calls, exchange
-from cosim.model.params import ShieldParams, motors_of
+from cosim.model.params import motors_of
 from cosim.model.scenario import touches_obstacle
 from cosim.onboard.camera import NOISE, SIGHT, SIGHT_DRAWS, frames_within, spread_of, write_sight
 from cosim.onboard.estimation import POSE
@@ -36,7 +36,7 @@ from cosim.physics.properties import gravity, write_own
 from cosim.physics.rotation import heading
 from cosim.simulation.batch import Batch
 from cosim.simulation.episode import RunningEpisode
-from cosim.simulation.rules import TICK, Moves, Rules, adopt, conclude, put_down
+from cosim.simulation.rules import TICK, Moves, Robots, Rules, adopt, conclude, put_down, robots_of
 
 MOTORS_FAILED = -1  # in place of an outcome's rank
 _touches = inlined(touches_obstacle)
@@ -75,13 +75,13 @@ class Play(NamedTuple):
     decides: Any  # `Tables` or `Times`
     plant: Plant
     state: State
+    robots: Robots  # of the state
     samples: Samples  # room for n periods
     raw: RawSamples  # without ticks
     calls: Calls  # of the motors
     width: Width
     rules: Rules
     moves: Moves
-    shield: ShieldParams | None
     cells: np.ndarray  # (N, 2) int64, where robots start
     wanted: np.ndarray  # (N,) int64, directions that the policy chose
     noise: np.ndarray  # (n, B, M) of the motors
@@ -116,13 +116,13 @@ def new_play(batch: Batch, episode: RunningEpisode, decides: Any = ()) -> Play:
         decides,
         batch.plant,
         state._replace(sight=np.zeros((frames, columns, NOISE))),
+        robots_of(state, 0),
         new_samples(periods, columns, *sizes),
         new_raw_samples(0, columns, *sizes),
         batch.driver.motors.calls,
         width_of(batch.driver.lanes),
         episode.rules,
         episode.moves,
-        config.shield,
         np.array(episode.moves.seen.cells),
         np.zeros(robots, dtype=np.int64),
         np.zeros((periods, columns, sizes[0])),
@@ -165,7 +165,7 @@ def start(play: Play) -> int:
             moved[motor, 0] = varied.own[3, motor, robot]
             moved[motor, 1] = varied.own[2, motor, robot]
         write_own(play.state.properties, robot, down, moved)
-    put_down(play.rules, play.state, 0, play.moves, play.cells)
+    put_down(play.rules, play.robots, play.moves, play.cells)
     status = 0
     for k in range(len(varied.references)):
         reference, own = varied.references[k : k + 1].ctypes.data, varied.own[k]
@@ -241,9 +241,9 @@ def step(play: Play) -> int:
     """
     state, moves = play.state, play.moves
     if play.plant.shielded:
-        adopt(play.rules, state, 0, moves, play.wanted, play.shield)
+        adopt(play.rules, play.robots, moves, play.wanted, play.plant.shield)
     else:
-        adopt(play.rules, state, 0, moves, play.wanted, None)
+        adopt(play.rules, play.robots, moves, play.wanted, None)
     write_noise(play.noise, play.noise_draws, play.amplitude, play.hold, play.values, play.left)
     for robot in range(len(play.sight_draws)):
         state.cameras[robot, SIGHT] = 0.0
@@ -253,7 +253,7 @@ def step(play: Play) -> int:
         play.plant, state, play.noise, play.samples, play.raw, play.calls, play.width
     )
     moves.counts[TICK] += state.periods[0] * play.plant.ticks_per_period
-    return MOTORS_FAILED if status else conclude(play.rules, state, 0, moves, False)
+    return MOTORS_FAILED if status else conclude(play.rules, play.robots, moves, False)
 
 
 @kernel
@@ -282,5 +282,5 @@ def place(play: Play) -> int:
     pose[POSE], pose[POSE + 1], pose[POSE + 2] = x, y, angle
     state.commands[robot, MODE] = HOLD
     moves.arrived[robot], moves.moving[robot] = False, True  # so that it arrives on its target
-    conclude(play.rules, state, 0, moves, False)
+    conclude(play.rules, play.robots, moves, False)
     return 1

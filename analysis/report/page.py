@@ -6,6 +6,7 @@ The page stands in a folder with its figures and opens from disk.
 import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
+from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from agent.evaluation.run import RunSummary
 from agent.evaluation.statistics import interval_text
 from agent.experiments.results import ExperimentResult
 from agent.study.studies import QUICK_EPISODES, TransferReport
+from agent.web.page import write_page
 from analysis.figures.style import FORMATS, NOTHING, UNTESTED, Caption, Claim, read_caption
 from analysis.profiles import FULL
 from analysis.reading.results import (
@@ -38,7 +40,8 @@ from cosim.model.outcome import ENDS
 from cosim.model.params import SPEED_NOISE, TABLE_I, TIMING
 from cosim.model.scenario_file import PAPER, find_scenario
 
-PAGE, CLAIMS = "index.html", "claims.json"
+PAGE, CLAIMS, PLAY = "index.html", "claims.json", "play.html"
+PLAYED = "4"  # scenario of the page in which the robots drive
 # Experiments with a table, and its title.
 _EXPERIMENTS = {
     "fig08": "One robot, greedy policies after training",
@@ -153,6 +156,19 @@ def result_tables(results: Path) -> Iterator[ReportTable]:
         yield episodes
 
 
+def played(results: Path, out: Path) -> str:
+    """Write a page that plays a learnt policy of a pair; return its name.
+
+    "" if none was learnt, or without the extra `build`, which compiles the page.
+    """
+    for method in reversed(DRIVEN_BY):
+        policy = RESULTS[episodes_of(PLAYED, method)].location(results) / "policy.npz"
+        if policy.is_file() and find_spec("ziglang"):
+            write_page(out / PLAY, PLAYED, policy=policy)
+            return PLAY
+    return ""
+
+
 def timing_table(timings: TimingsFile) -> ReportTable:
     """Return the table of the times of a reproduction's stages."""
     rows = [
@@ -187,6 +203,7 @@ def write_report(results: Path, figures: Path, out: Path) -> Path:
         "tables": list(result_tables(results)),
         "profile": timings and timings.profile,
         "timing": timings and timing_table(timings),
+        "play": played(results, out),
         "parameters": CoSimConfig().table(),
         "versions": versions(),
         "board_cm": 100.0 * find_scenario("2").size_m[0],

@@ -6,12 +6,14 @@ A cell belongs to the robot with its centre in it; distance class (Eq. 9) and gr
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from cosim.base.errors import UserError
 from cosim.base.jit import inlined
 from cosim.model.scenario import Cell, Scenario, touching_pair
+from cosim.onboard.estimation import POSE
 from cosim.onboard.features import (
     DIRECTION_COUNT,
     DistanceThresholds,
@@ -20,10 +22,30 @@ from cosim.onboard.features import (
     distance_thresholds,
     gradient_sign,
 )
+from cosim.onboard.steering import GOAL_X, waits
 
 _SECTOR_RAD = 2.0 * math.pi / DIRECTION_COUNT
 DRAWS = 20_000  # of start cells, before a scenario counts as one without free ones
 _NOBODY = np.iinfo(np.int64).max  # squared distance to the nearest other of a robot alone
+
+
+class Area(NamedTuple):
+    """Where robots are asked, and by which distances they see each other."""
+
+    cell_m: float  # edge of a cell
+    # Least and largest coordinate in m, the latter on each axis; infinite without a camera, which
+    # may put robots off the board
+    least_m: float
+    most_m: tuple[float, float]
+    thresholds: DistanceThresholds
+
+
+def area_of(scenario: Scenario, camera: bool) -> Area:
+    """Return the area of a scenario."""
+    width_m, height_m = scenario.size_m
+    inside = math.nextafter(width_m, 0.0), math.nextafter(height_m, 0.0)
+    limits = (0.0, inside) if camera else (-math.inf, (math.inf, math.inf))
+    return Area(scenario.cell_m, *limits, distance_thresholds(scenario))
 
 
 @inlined
@@ -45,30 +67,36 @@ def nearest_squared(cells: np.ndarray, i: int) -> int:
 
 @inlined
 def observe(
-    positions_m: np.ndarray,
-    headings_rad: np.ndarray,
-    cell_m: float,
-    thresholds: DistanceThresholds,
+    estimates: np.ndarray,
+    commands: np.ndarray,
+    area: Area,
     squared_before: np.ndarray,
+    positions_m: np.ndarray,
     squared: np.ndarray,
     seen: Observation,
 ) -> None:
-    """Write what a policy sees but for targets and goals.
+    """Write what a policy sees but for targets.
 
     Args:
-        positions_m: (N, 2) centres of the robots.
-        headings_rad: (N,) counter-clockwise from +x.
+        estimates, commands: (N, …) of `cosim.onboard.estimation` and `steering`.
         squared_before: (N,) int64, `squared` at each robot's previous decision.
+        positions_m: (N, 2) where robots take themselves to be; written.
         squared: (N,) int64, `nearest_squared` now; written.
     """
-    for i in range(len(positions_m)):
-        seen.cells[i, 0] = cell_of(positions_m[i, 0], cell_m)
-        seen.cells[i, 1] = cell_of(positions_m[i, 1], cell_m)
-    for i in range(len(positions_m)):
+    for i in range(len(estimates)):
+        for axis in range(2):
+            # No robot that is asked estimates itself off the board.
+            position_m = min(max(estimates[i, POSE + axis], area.least_m), area.most_m[axis])
+            positions_m[i, axis], cell = position_m, cell_of(position_m, area.cell_m)
+            goal = cell_of(commands[i, GOAL_X + axis], area.cell_m)
+            seen.cells[i, axis] = cell
+            seen.goals[i, axis] = cell if waits(commands[i]) else goal
+    for i in range(len(estimates)):
         squared[i] = nearest_squared(seen.cells, i)
-        seen.distance_class[i] = distance_class(squared[i], thresholds)
+        seen.distance_class[i] = distance_class(squared[i], area.thresholds)
         seen.gradient_sign[i] = gradient_sign(squared[i], squared_before[i])
-        seen.direction[i] = int(np.rint(headings_rad[i] / _SECTOR_RAD)) % DIRECTION_COUNT
+        sector = np.rint(estimates[i, POSE + 2] / _SECTOR_RAD)
+        seen.direction[i] = int(sector) % DIRECTION_COUNT
 
 
 def draw_starts(scenario: Scenario, rng: np.random.Generator) -> tuple[Cell, ...]:

@@ -46,6 +46,12 @@ FORWARDS, BACKWARDS, LEFTWARDS, RIGHTWARDS = 1.0, -1.0, 2.0, -2.0
 
 
 @inlined
+def waits(command: np.ndarray) -> bool:
+    """Return whether a robot has ended its move and waits for a decision."""
+    return command[MODE] in (HOLD, PAST)
+
+
+@inlined
 def steer(
     command: np.ndarray,
     x: float,

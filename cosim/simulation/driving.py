@@ -102,7 +102,7 @@ class DrivenEpisode(RunningEpisode):
         super().__init__(*arguments)
         self.memory: dict[str, Any] = {}
         self.targets_m = np.array([self.scenario.centre_m(cell) for cell in self.scenario.targets])
-        self._poses = self._estimated()
+        self._poses = self._robots.estimates[self._columns, POSE : POSE + 3].copy()
         self._velocities = np.zeros((self.scenario.robots, 3))
 
     def motion(self) -> DriveObservation:
@@ -120,7 +120,8 @@ class DrivenEpisode(RunningEpisode):
     def end_step(self) -> Step:
         """See `RunningEpisode.end_step`."""
         step = super().end_step()
-        before, self._poses = self._poses, self._estimated()
+        before = self._poses
+        self._poses = self._robots.estimates[self._columns, POSE : POSE + 3].copy()
         self._velocities = velocities(before, self._poses, self.config.timing.rl_step_s)
         return step
 
@@ -141,12 +142,9 @@ class DrivenEpisode(RunningEpisode):
         return set_points
 
     def _adopt(self, action: np.ndarray) -> None:
-        commands = self._state.commands[self._columns]
+        commands = self._robots.commands[self._columns]
         commands[:, OMEGA_D : OMEGA_D + action.shape[1]] = action
         commands[:, MODE] = np.where(self.moves.arrived, HOLD, DIRECT)
-
-    def _estimated(self) -> np.ndarray:
-        return self._state.estimates[self._columns, POSE : POSE + 3].copy()
 
 
 def in_frames(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:

@@ -30,7 +30,6 @@ from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, draw_world, generato
 from cosim.physics.properties import gravity, write_own
 from cosim.simulation import rules
 from cosim.simulation.measures import Measures
-from cosim.simulation.rules import CONFLICTS, TICK, USED
 
 
 class RunningEpisode:
@@ -62,12 +61,10 @@ class RunningEpisode:
         self.scenario, self.config = scenario, config
         motors_each = motors_of(config.robot, config.motor)
         self.drawn = draw_world(config.world, motors_each, n, seed)
-        tilt = config.world.floor_tilt_deg, self.drawn.tilt_direction_deg
-        down = gravity(*tilt, config.motor.g)
+        down = gravity(config.world.floor_tilt_deg, self.drawn.tilt_direction_deg, config.motor.g)
         state.properties[:, columns] = robot_properties(config)[:, None]
         for column, motors in enumerate(self.drawn.motors, columns.start):
-            own = np.array([(motor.r, motor.J) for motor in motors])
-            write_own(state.properties, column, down, own)
+            write_own(state.properties, column, down, np.array([(m.r, m.J) for m in motors]))
         self.rules = rules.rules_of(scenario, config)
         self.moves = rules.new_moves(np.array(scenario.targets))
         self._columns = columns
@@ -75,7 +72,7 @@ class RunningEpisode:
         state.cameras[columns] = camera_of(config.world.camera, config.timing.control_period_s)
         state.estimates[columns] = state.commands[columns] = state.shields[columns] = 0.0
         state.commands[columns, THROUGH] = config.through
-        rules.put_down(self.rules, state, columns.start, self.moves, np.array(starts))
+        rules.put_down(self.rules, self._robots, self.moves, np.array(starts))
         self._detours = generator(seed, DETOUR_CHILD)
         self.noise = SpeedNoise(config, seed, n)
         self._cameras = [generator(seed, CAMERA_CHILD + robot) for robot in range(n)]
@@ -87,13 +84,13 @@ class RunningEpisode:
 
     def bind(self, state: State) -> None:
         """Take the episode's columns of a co-simulation's state for its own."""
-        self._state = state
+        self._robots = rules.robots_of(state, self._columns.start)
         motors = self.config.robot.motors_count
         self._speeds = state.outputs[motors : 2 * motors, self._columns].T
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the columns, which `bind` gives to a copy."""
-        return {n: value for n, value in vars(self).items() if n not in ("_state", "_speeds")}
+        return {n: value for n, value in vars(self).items() if n not in ("_robots", "_speeds")}
 
     @property
     def time_s(self) -> float:
@@ -103,7 +100,7 @@ class RunningEpisode:
     @property
     def positions_m(self) -> np.ndarray:
         """True centres of the robots, (N, 2)."""
-        return self._state.bodies[PLANE, self._columns].T.copy()
+        return self._robots.bodies[PLANE, self._columns].T.copy()
 
     @property
     def arrived(self) -> np.ndarray:
@@ -113,7 +110,7 @@ class RunningEpisode:
     @property
     def shield_stops(self) -> int:
         """Moves that the shield has ended."""
-        return int(self._state.shields[self._columns, STOPS].sum())
+        return int(self._robots.shields[self._columns, STOPS].sum())
 
     @property
     def awaiting(self) -> np.ndarray:
@@ -123,11 +120,11 @@ class RunningEpisode:
     @property
     def conflicts(self) -> int:
         """Moves that the shield has changed."""
-        return int(self.moves.counts[CONFLICTS])
+        return int(self.moves.counts[rules.CONFLICTS])
 
     @property
     def _tick(self) -> int:
-        return int(self.moves.counts[TICK])
+        return int(self.moves.counts[rules.TICK])
 
     def ask(self, policy: Any) -> Decision:
         """Return what a policy decides on what it sees now."""
@@ -166,7 +163,7 @@ class RunningEpisode:
 
     def pass_periods(self, periods: int) -> None:
         """Count control periods that were simulated."""
-        self.moves.counts[TICK] += periods * self.config.ticks_per_period
+        self.moves.counts[rules.TICK] += periods * self.config.ticks_per_period
 
     def end_step(self) -> Step:
         """Determine the outcome of the simulation since the step began."""
@@ -179,9 +176,8 @@ class RunningEpisode:
             poses = np.concatenate(of_all[2])
         moved = self._taken[-1][4] - first_m
         self._taken.clear()
-        rank = rules.conclude(self.rules, self._state, self._columns.start, moves, self._driven)
+        self.outcome = BY_RANK[rules.conclude(self.rules, self._robots, moves, self._driven)]
         self.observation = self._observation()
-        self.outcome = BY_RANK[rank]
         step = Step(
             number=self._step,
             first_tick=self._first_tick,
@@ -192,7 +188,7 @@ class RunningEpisode:
             completed=moves.completed.copy(),
             samples=samples,
             raw=raw,
-            events=self._state.events[self._columns].copy(),
+            events=self._robots.events[self._columns].copy(),
             outcome=self.outcome,
             duration_s=(self._tick - self._first_tick) * self.config.timing.dt_s,
             moved_m=np.linalg.norm(moved, axis=1),
@@ -215,12 +211,12 @@ class RunningEpisode:
     def _adopt(self, action: np.ndarray) -> None:
         """Give fresh commands to the robots that wait or are late."""
         moves, wanted = self.moves, np.ascontiguousarray(action, dtype=np.int64)
-        if self.config.shield and (used := int(moves.counts[USED])):
+        if self.config.shield and (used := int(moves.counts[rules.USED])):
             left = len(moves.detours) - used
             moves.detours[:left] = moves.detours[used:]
             self._detours.random(out=moves.detours[left:])
-            moves.counts[USED] = 0
-        rules.adopt(self.rules, self._state, self._columns.start, moves, wanted, self.config.shield)
+            moves.counts[rules.USED] = 0
+        rules.adopt(self.rules, self._robots, moves, wanted, self.config.shield)
 
     def _observation(self) -> Observation:
         return Observation(*(array.copy() for array in self.moves.seen))

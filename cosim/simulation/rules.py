@@ -17,30 +17,15 @@ from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
 from cosim.model.params import ShieldParams
 from cosim.model.scenario import Scenario
 from cosim.onboard.estimation import POSE
-from cosim.onboard.features import (
-    DIRECTION_COUNT,
-    DIRECTIONS,
-    DistanceThresholds,
-    Observation,
-    distance_thresholds,
-)
-from cosim.onboard.observing import cell_of, observe
+from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS, Observation
+from cosim.onboard.observing import Area, area_of, cell_of, observe
 from cosim.onboard.shield import PARKED, plan_margin
-from cosim.onboard.steering import (
-    DIRECTION,
-    DRIVE,
-    GOAL_X,
-    HOLD,
-    MODE,
-    PAST,
-    START,
-)
+from cosim.onboard.steering import DIRECTION, DRIVE, GOAL_X, HOLD, MODE, PAST, START, waits
 from cosim.onboard.yielding import DETOUR_DRAWS, WAIT, Board, board_of, give_way
 from cosim.physics.body_state import X, Y, stand
 from cosim.physics.contact import floor_margin
 
-# Numbers that an episode remembers: ticks that have passed, moves that the shield has changed, and
-# uniform numbers for detours that are used up.
+# Ticks that passed, moves that the shield changed, uniform numbers for detours that are used up.
 TICK, CONFLICTS, USED = range(3)
 
 
@@ -48,15 +33,22 @@ class Rules(NamedTuple):
     """Constants of an episode."""
 
     board: Board
-    thresholds: DistanceThresholds
-    # Least and largest coordinate in m at which robots are asked, on each axis; infinite without a
-    # camera, which may put them off the board
-    least_m: float
-    most_m: tuple[float, float]
+    area: Area
     # move_limit, episode_limit: ticks until a robot may choose again, and until the end
     move_limit: int
     episode_limit: int
     height_m: float  # of the centre of mass of a robot that stands
+
+
+class Robots(NamedTuple):
+    """Arrays of a `State` by the same names; those alone, because more take long to compile."""
+
+    first: int  # column of the episode
+    bodies: np.ndarray
+    estimates: np.ndarray
+    commands: np.ndarray
+    shields: np.ndarray
+    events: np.ndarray
 
 
 class Moves(NamedTuple):
@@ -81,19 +73,18 @@ class Moves(NamedTuple):
 
 def rules_of(scenario: Scenario, config: CoSimConfig) -> Rules:
     """Return the constants of an episode."""
-    sensor, timing, most_m = config.world.camera, config.timing, (math.inf, math.inf)
-    if sensor.rate_hz:
-        width_m, height_m = scenario.size_m
-        most_m = math.nextafter(width_m, 0.0), math.nextafter(height_m, 0.0)
     return Rules(
         board_of(scenario, floor_margin(config.robot, config.world)),
-        distance_thresholds(scenario),
-        least_m=0.0 if sensor.rate_hz else -math.inf,
-        most_m=most_m,
-        move_limit=config.ticks(timing.move_limit_s),
-        episode_limit=config.ticks(timing.episode_limit_s),
-        height_m=config.robot.com_height_m,
+        area_of(scenario, config.world.camera.rate_hz > 0.0),
+        config.ticks(config.timing.move_limit_s),
+        config.ticks(config.timing.episode_limit_s),
+        config.robot.com_height_m,
     )
+
+
+def robots_of(state: State, first: int) -> Robots:
+    """Return the arrays of a state that an episode reads and writes, from its first column."""
+    return Robots(first, *(getattr(state, name) for name in Robots._fields[1:]))
 
 
 def new_moves(targets: np.ndarray) -> Moves:
@@ -103,63 +94,38 @@ def new_moves(targets: np.ndarray) -> Moves:
     cells, goals = np.zeros_like(targets), np.zeros_like(targets)
     seen = Observation._make([cells, *numbers[:3], targets, goals])
     draws = n * DETOUR_DRAWS  # at most in an RL step
-    memory = np.array([0, 0, draws]), seen, np.zeros((n, 2)), *numbers[3:], *flags, np.zeros(draws)
-    moves = Moves(*memory)
+    counts, positions_m = np.array([0, 0, draws]), np.zeros((n, 2))
+    moves = Moves._make([counts, seen, positions_m, *numbers[3:], *flags, np.zeros(draws)])
     moves.action[:], moves.awaiting[:] = -1, True
     return moves
 
 
 @kernel
-def put_down(rules: Rules, state: State, first: int, moves: Moves, cells: np.ndarray) -> None:
+def put_down(rules: Rules, robots: Robots, moves: Moves, cells: np.ndarray) -> None:
     """Put the robots at rest on start cells (N, 2) int64, facing the board's centre row."""
-    cell_m = rules.board.cell_m
+    first, cell_m = robots.first, rules.board.cell_m
     for i in range(len(cells)):
         x, y = (cells[i, 0] + 0.5) * cell_m, (cells[i, 1] + 0.5) * cell_m
         # Assumed: robots are set down facing the middle of the board.
         facing = math.copysign(math.pi / 2.0, rules.board.rows * cell_m / 2.0 - y)
-        stand(state.bodies[:, first + i], rules.height_m, x, y, facing)
-        estimate = state.estimates[first + i]
+        stand(robots.bodies[:, first + i], rules.height_m, x, y, facing)
+        estimate = robots.estimates[first + i]
         estimate[POSE], estimate[POSE + 1], estimate[POSE + 2] = x, y, facing
-    _see(rules, state, first, moves, moves.squared)
+    _observe(rules, robots, moves, moves.squared)
     for i in range(len(cells)):
         moves.squared_before[i] = moves.squared[i]
 
 
 @inlined
-def _at_end(state: State, column: int) -> bool:
-    """Return whether a robot waits for a decision."""
-    return state.commands[column, MODE] in (HOLD, PAST)
-
-
-@inlined
-def _see(rules: Rules, state: State, first: int, moves: Moves, squared_before: np.ndarray) -> None:
-    """Update what robots see, and where they take themselves to be."""
-    n, seen = len(moves.action), moves.seen
-    for i in range(n):
-        for axis in range(2):
-            position_m = state.estimates[first + i, POSE + axis]
-            # No robot that is asked estimates itself off the board.
-            position_m = min(max(position_m, rules.least_m), rules.most_m[axis])
-            moves.positions_m[i, axis] = position_m
-    headings_rad = state.estimates[first : first + n, POSE + 2]
-    cell_m, thresholds = rules.board.cell_m, rules.thresholds
-    observe(
-        moves.positions_m, headings_rad, cell_m, thresholds, squared_before, moves.squared, seen
-    )
-    for i in range(n):
-        for axis in range(2):
-            goal = cell_of(state.commands[first + i, GOAL_X + axis], cell_m)
-            seen.goals[i, axis] = seen.cells[i, axis] if _at_end(state, first + i) else goal
+def _observe(rules: Rules, robots: Robots, moves: Moves, before: np.ndarray) -> None:
+    first, last = robots.first, robots.first + len(before)
+    estimates, commands = robots.estimates[first:last], robots.commands[first:last]
+    observe(estimates, commands, rules.area, before, moves.positions_m, moves.squared, moves.seen)
 
 
 @kernel
 def adopt(
-    rules: Rules,
-    state: State,
-    first: int,
-    moves: Moves,
-    wanted: np.ndarray,
-    shield: ShieldParams | None,
+    rules: Rules, robots: Robots, moves: Moves, wanted: np.ndarray, shield: ShieldParams | None
 ) -> None:
     """Give fresh commands to the robots that wait for them or are late.
 
@@ -167,23 +133,18 @@ def adopt(
         wanted: (N,) int64, the direction that each would take.
         shield: what decides which moves are permitted; None permits all.
     """
-    n, margin_m, commands = len(wanted), 0.0, state.commands
+    first, last, margin_m = robots.first, robots.first + len(wanted), 0.0
+    commands, where = robots.commands[first:last], moves.positions_m
     if shield is not None:
-        margin_m = plan_margin(state.estimates[first : first + n], shield)
-    for i in range(n):
+        margin_m = plan_margin(robots.estimates[first:last], shield)
+    for i in range(len(wanted)):
         moves.decided[i] = False
-        command, direction, before = commands[first + i], wanted[i], moves.action[i]
+        command, direction, before = commands[i], wanted[i], moves.action[i]
         if moves.awaiting[i]:
             if shield is not None:
-                direction, used = give_way(
-                    rules.board,
-                    moves.positions_m,
-                    commands[first : first + n],
-                    i,
-                    direction,
-                    margin_m,
-                    moves.detours[moves.counts[USED] :],
-                )
+                draws = moves.detours[moves.counts[USED] :]
+                asked = rules.board, where, commands, i, direction, margin_m, draws
+                direction, used = give_way(*asked)
                 moves.counts[USED] += used
                 moves.counts[CONFLICTS] += direction != wanted[i]
             moves.action[i] = direction
@@ -201,37 +162,39 @@ def adopt(
                 moves.decided[i] = True
         if moves.arrived[i]:
             moves.action[i] = -1
-        moves.moving[i] = not _at_end(state, first + i)
+        moves.moving[i] = not waits(command)
 
 
 @kernel
-def conclude(rules: Rules, state: State, first: int, moves: Moves, driven: bool) -> int:
+def conclude(rules: Rules, robots: Robots, moves: Moves, driven: bool) -> int:
     """Find out what robots see and who has arrived after an RL step; return the outcome's rank.
 
     Args:
         driven: whether robots arrive wherever they are at the end of one, not only at the end of
             their move.
     """
-    n, seen, cell_m = len(moves.action), moves.seen, rules.board.cell_m
-    _see(rules, state, first, moves, moves.squared_before)
+    first, seen, cell_m = robots.first, moves.seen, rules.board.cell_m
+    _observe(rules, robots, moves, moves.squared_before)
     arrived, event = 0, RUNNING
-    for i in range(n):
-        moves.completed[i] = moves.moving[i] and _at_end(state, first + i)
+    for i in range(len(moves.action)):
+        command = robots.commands[first + i]
+        moves.completed[i] = moves.moving[i] and waits(command)
         # on their target, wherever they think they are
-        column = cell_of(state.bodies[X, first + i], cell_m)
-        row = cell_of(state.bodies[Y, first + i], cell_m)
-        there = column == seen.targets[i, 0] and row == seen.targets[i, 1]
+        x, y = robots.bodies[X, first + i], robots.bodies[Y, first + i]
+        there = (
+            cell_of(x, cell_m) == seen.targets[i, 0] and cell_of(y, cell_m) == seen.targets[i, 1]
+        )
         if there and (driven or moves.completed[i]):
             moves.arrived[i] = True
         late = moves.counts[TICK] - moves.moving_since[i] >= rules.move_limit
-        moves.awaiting[i] = not moves.arrived[i] and (_at_end(state, first + i) or late)
+        moves.awaiting[i] = not moves.arrived[i] and (waits(command) or late)
         if moves.arrived[i]:
-            state.commands[first + i, MODE] = HOLD
-        state.shields[first + i, PARKED] = moves.arrived[i]
+            command[MODE] = HOLD
+        robots.shields[first + i, PARKED] = moves.arrived[i]
         arrived += moves.arrived[i]
-        event = max(event, state.events[first + i])
+        event = max(event, robots.events[first + i])
     if event != RUNNING:
         return event
-    if arrived == n:
+    if arrived == len(moves.action):
         return SUCCESS
     return TIMEOUT if moves.counts[TICK] >= rules.episode_limit else RUNNING

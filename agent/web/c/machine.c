@@ -56,7 +56,24 @@ void *NRT_MemInfo_alloc_aligned(int64_t size, int32_t alignment) {
 
 void *NRT_MemInfo_alloc(int64_t size) { return NRT_MemInfo_alloc_aligned(size, 16); }
 
-void NRT_MemInfo_call_dtor(void *array) { free(array); }
+/* The data of lists, which grow, stand apart. */
+void *NRT_MemInfo_new_varsize_dtor(int64_t size, void *release) {
+    (void)release; /* of elements, which are numbers */
+    Array *list = malloc(sizeof *list);
+    *list = (Array){.references = 1, .data = malloc((size_t)size), .size = size};
+    return list;
+}
+
+void *NRT_MemInfo_varsize_realloc(Array *list, int64_t size) {
+    list->size = size;
+    return list->data = realloc(list->data, (size_t)size);
+}
+
+void NRT_MemInfo_call_dtor(Array *array) {
+    if (array->data != (char *)array + 64)
+        free(array->data);
+    free(array);
+}
 
 /* What numba's errors would say to Python. */
 void *PyExc_RuntimeError;

@@ -19,7 +19,7 @@ class Episode {
     machine.reset();
     for (const place of facts.friction) this.values("state.properties")[place] = mu;
     machine.set("amplitude", noise);
-    machine.set("plant.shielded", shielded);
+    machine.set("plant.shielded", facts.shielded && shielded);
     facts.keys.forEach((keys, k) => {
       const words = this.values("keys"), generator = this.values("generators").subarray(4 * k);
       words.set(keys);

@@ -1,54 +1,305 @@
-"""The page in a browser and in Node.js: its bits, and what people see and do."""
+"""The page in Node.js and in a browser: its bits, and what people see and do."""
 
 import json
 import math
+import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from playwright.sync_api import sync_playwright
 
-import cosim
+import agent
 from agent.training.policy import load_policy
 from agent.web.page import write_page
-from cosim.base.errors import UserError
 from cosim.coupling.rl_step import decide
-from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import ROUGH
 from cosim.simulation.batch import Batch
 from cosim.simulation.options import Setup, SimulationOptions, resolve
 from cosim.simulation.simulate import draw_episode
 
+pytestmark = pytest.mark.browser
 PLAY = Path(__file__).with_name("play.js")
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 LOADED = "!document.getElementById('play').disabled || window.pageError"
 TIME = "document.getElementById('time').textContent"
 HOSTILE = "</script><script>window.hacked = true</script>{data}"
-NEAR = Scenario("near", "one robot", targets=((15, 15),), starts=(((15, 18), (15, 12)),))
-SLOPE = {
-    "floor_tilt_deg": 1.0,
-    "edge": True,
-    "restitution": 0.2,
-    "mu_patches": [{"cells": [10, 8, 20, 13], "mu": 0.3}],
-}
-ROUGH = "rough.toml"
+SLOPE = """[world]
+floor_tilt_deg = 1.0
+edge = true
+restitution = 0.2
+motor_spread = 0.05
+mu_patches = [{cells = [10, 8, 20, 13], mu = 0.3}]
+"""
+
+
+INNER = Scenario(
+    "inner", "", ((8, 15), (22, 15)), (((8, 8), (8, 22)), ((22, 8), (22, 22)))
+)  # away from the edge
 
 
 class Case(NamedTuple):
-    """What is played, by a policy of a method."""
+    """What is played, in a time that shows something of it."""
 
     scenario: str | Scenario
     method: str
-    options: dict[str, Any] = {}
-    world: dict[str, Any] | None = None
+    options: dict[str, Any]
+    seeds: tuple[int, ...] = (1,)
 
 
 CASES = {
-    "pair": Case("4", "shortest"),
-    "rough": Case("4", "moves", {"shield": True, "world": "rough"}),
-    "slope": Case("2", "shortest", {}, SLOPE),
-    "group": Case("4-cross", "planned", {"through": True}),
-    "droplet": Case("2", "shortest", {"preset": "droplet"}),
-    "reaction": Case("2", "shortest", {"reaction": True}),
+    "pair": Case("4", "shortest", {}),
+    "rough": Case("4", "moves", {"shield": True, "world": ROUGH}, (0, 1, 2)),
+    "slope": Case(INNER, "shortest", {"world": SLOPE, "time_limit": 100.0}, (0, 1)),
+    "group": Case("4-cross", "planned", {"through": True, "shield": True}),
+    "droplet": Case("2", "shortest", {"preset": "droplet", "time_limit": 60.0}),
+    "reaction": Case("2", "shortest", {"reaction": True, "time_limit": 60.0}),
+    "fastest": Case("4", "fastest", {"through": True}),
+    "one": Case("1a", "shortest", {}),
 }
+
+
+@pytest.fixture(scope="module")
+def browser():
+    program = next(filter(None, map(shutil.which, CHROMIUM)))
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Write the page of a case, once; return it and the options of its episodes."""
+    pages = {}
+
+    def write(name: str) -> tuple[Path, SimulationOptions]:
+        if name not in pages:
+            case, folder = CASES[name], tmp_path_factory.mktemp(name)
+            given = dict(case.options)
+            if isinstance(given.get("world"), str):
+                (folder / "world.toml").write_text(given["world"])
+                given["world"] = folder / "world.toml"
+            options = SimulationOptions(**given)
+            size = write_page(folder / "page.html", case.scenario, options, method=case.method)
+            assert size == (folder / "page.html").stat().st_size < 3e6
+            pages[name] = folder / "page.html", options
+        return pages[name]
+
+    return write
+
+
+def setup_of(name: str, options: SimulationOptions) -> Setup:
+    return resolve(options, CASES[name].scenario)
+
+
+def played(page: Path, *asked: dict[str, Any]) -> list[dict[str, Any]]:
+    """Episodes of a page in Node.js."""
+    command = ["node", str(PLAY), str(page), *map(json.dumps, asked)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    return [json.loads(line) for line in run.stdout.splitlines()]
+
+
+def compare(found: dict[str, Any], setup: Setup, method: str, seed: int) -> None:
+    """Compare an episode of a page with the co-simulation's, bit by bit: JSON keeps every bit."""
+    scenario, config, fmu = setup
+    policy = agent.train(scenario, method=method, preset=config.preset)
+    batch, positions = Batch(fmu, config, scenario.robots, 1), []
+    episode = batch.begin(0, scenario, *draw_episode(scenario, seed, 0))
+    while not episode.outcome:
+        step = batch.advance({0: decide(policy, episode.observation).action})[0]
+        positions.append(step.samples.position[-1].tolist())
+    batch.close()
+    assert found["positions"] == positions
+    assert found["time"] == episode.time_s
+    assert found["outcome"] == str(episode.outcome).replace("_", " ")
+    # the page adds up in another order
+    assert found["paths"] == pytest.approx(episode.measures.path_length_m, rel=1e-4)
+
+
+def opened(browser, path, **options):
+    """The page in the browser, and what it complains of or asks the network for."""
+    page = browser.new_page(**options)
+    said = []
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("request", lambda asked: said.append(asked.url) if "http" in asked.url[:4] else None)
+    page.goto(path.absolute().as_uri())
+    page.wait_for_function(LOADED)
+    return page, said
+
+
+BRIEF = ("pair", "one")  # which share the kernels of most other tests
+
+
+@pytest.mark.parametrize(
+    "name",
+    [*BRIEF, *(pytest.param(n, marks=pytest.mark.slow) for n in CASES if n not in BRIEF)],
+)
+def test_episodes_have_the_bits_of_the_co_simulation(browser, written, name):
+    path, options = written(name)
+    case, setup = CASES[name], setup_of(name, options)
+    seeds = case.seeds
+    for seed, found in zip(seeds, played(path, *({"seed": s} for s in seeds)), strict=True):
+        compare(found, setup, case.method, seed)
+    page, said = opened(browser, path)
+    recorded = page.evaluate(f"recordEpisode({{seed: {seeds[0]}}})")
+    outcome = page.evaluate("JSON.parse(document.getElementById('data').textContent).outcomes")
+    compare(recorded | {"outcome": outcome[recorded["outcome"]]}, setup, case.method, seeds[0])
+    assert said == []
+
+
+@pytest.mark.slow
+def test_every_world_of_a_page_has_its_own_episodes(tmp_path):
+    options = SimulationOptions(shield=True, time_limit=60.0)
+    write_page(tmp_path / "page.html", "4", options, method="shortest", worlds=["rough"])
+    own, rough, alone = played(
+        tmp_path / "page.html", {"world": 0}, {"world": 1}, {"world": 0, "shielded": False}
+    )
+    compare(own, resolve(options, "4"), "shortest", 0)
+    compare(rough, resolve(options, "4", world=ROUGH), "shortest", 0)
+    assert alone["positions"] != own["positions"]
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_in_ten_minutes(written):
+    path, _ = written("pair")
+    runs = played(path, *({"seed": seed} for seed in range(10)))
+    assert sum(run["time"] for run in runs) > 600.0
+    assert len({run["memory"] for run in runs}) == 1
+
+
+def test_friction_and_noise_change_an_episode_as_in_the_co_simulation(written):
+    path, options = written("pair")
+    slippery, quiet = played(path, {"seed": 1, "mu": 0.1}, {"seed": 1, "noise": 0.0})
+    setup = setup_of("pair", options)  # set points stay those of the page
+    config = setup.config
+    other = replace(config, robot=config.robot._replace(mu=0.1))
+    compare(slippery, setup._replace(config=other), "shortest", 1)
+    other = replace(config, noise=config.noise._replace(relative_amplitude=0.0))
+    compare(quiet, setup._replace(config=other), "shortest", 1)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_page_is_played_by_keys_on_a_phone(browser, written, scheme):
+    size = {"width": 390, "height": 844}
+    page, said = opened(browser, written("pair")[0], viewport=size, color_scheme=scheme)
+    page.keyboard.press(".")
+    page.wait_for_function(f"{TIME} === '2.0 s'")
+    page.keyboard.press("+")
+    assert page.input_value("#speed") == "30"
+    page.keyboard.press(" ")
+    page.wait_for_function(f"parseFloat({TIME}) > 3")
+    assert page.inner_text("#play") == "Pause"
+    assert not page.is_visible("#world")  # there is one, without a shield
+    assert not page.is_visible("#shielded")
+    page.keyboard.press(" ")
+    assert page.inner_text("#play") == "Play"
+    page.keyboard.press("2")
+    assert page.input_value("#robot") == "1"
+    page.keyboard.press("r")
+    page.wait_for_function(f"{TIME} === '0.0 s'")
+    assert page.inner_text("#play") == "Play"
+    assert page.evaluate("document.documentElement.scrollWidth") == size["width"]
+    page.fill("#mu", "9")
+    page.keyboard.press("Enter")
+    page.wait_for_function("!document.getElementById('error').hidden")
+    assert "friction = 9 is invalid; give a number from 0 to 2" in page.inner_text("#error")
+    page.fill("#mu", "0.2")
+    page.keyboard.press("Enter")
+    page.wait_for_function("document.getElementById('error').hidden")
+    assert said == []
+
+
+def test_page_explains_itself_on_the_first_visit_and_to_screen_readers(browser, written):
+    page, said = opened(browser, written("pair")[0])
+    assert "2 robots of 5 cm drive across a board of 30 × 30 cm" in page.inner_text("header p")
+    assert page.is_visible("#explained p")
+    page.reload()
+    page.wait_for_function(LOADED)
+    assert not page.is_visible("#explained p")
+    named = "[...document.querySelectorAll('input, select, button, canvas')].filter("
+    named += "(e) => !e.labels?.length && !e.textContent.trim() && !e.getAttribute('aria-label'))"
+    page.wait_for_function(f"{named}.length === 0")
+    assert re.match(
+        r"Board from above\. robot 1 at \d+, \d+ cm", page.get_attribute("#board", "aria-label")
+    )
+    assert said == []
+
+
+def test_robots_are_dragged_to_where_there_is_room(browser, written):
+    page, said = opened(browser, written("pair")[0], viewport={"width": 1200, "height": 900})
+    page.wait_for_function("shown().scale")
+    shown, box = page.evaluate("shown()"), page.locator("#board").bounding_box()
+    before, scale, (left, bottom) = shown["robots"], shown["scale"], shown["origin"]
+
+    def pixel(x, y):
+        return box["x"] + left + x * scale, box["y"] + bottom - y * scale
+
+    page.mouse.move(*pixel(*before[0]))
+    page.mouse.down()
+    page.mouse.move(*pixel(0.15, 0.2), steps=2)
+    page.mouse.move(*pixel(*before[1]))  # where the other robot is
+    page.mouse.up()
+    page.wait_for_function("document.getElementById('outcome').textContent.includes('by hand')")
+    after = page.evaluate("shown().robots")
+    assert after[0] != before[0]
+    assert math.dist(after[0], after[1]) > 0.05
+    assert after[1] == before[1]
+    page.focus("#board")
+    page.keyboard.press("ArrowUp")
+    page.wait_for_function(f"Math.abs(shown().robots[0][1] - {after[0][1] + 0.01}) < 1e-9")
+    page.keyboard.press(".")  # it goes on from there
+    page.wait_for_function(f"{TIME} === '2.0 s'")
+    page.keyboard.press("r")
+    page.wait_for_function("document.getElementById('outcome').textContent === 'running'")
+    assert page.evaluate("shown().robots") == before
+    assert said == []
+
+
+def test_damaged_page_shows_its_error_as_text(browser, written, tmp_path):
+    text = written("pair")[0].read_text("utf-8")
+    start = text.index('"wasm":"') + 40
+    path = tmp_path / "page.html"
+    path.write_text(text[:start] + "AAAA" + text[start + 4 :], "utf-8")
+    page, _ = opened(browser, path)
+    assert page.inner_text("#error") != ""
+    assert page.inner_text("#outcome") == "error"
+
+
+def test_titles_cannot_run_scripts(browser, tmp_path):
+    scenario = Scenario("hostile", HOSTILE, ((5, 5),), (((5, 9),),))
+    write_page(tmp_path / "page.html", scenario, method="shortest")
+    page, said = opened(browser, tmp_path / "page.html")
+    assert page.inner_text("h1") == f"Scenario hostile: {HOSTILE}"
+    assert page.evaluate("window.hacked") is None
+    assert said == []
+
+
+def test_command_writes_a_page_or_refuses(command, tmp_path):
+    policy, out = tmp_path / "policy.npz", tmp_path / "page.html"
+    agent.train("4", method="shortest").save(policy)
+    made = command("web", policy, "--scenario", "4", "--out", out, "--json")
+    assert json.loads(made.stdout.splitlines()[-1])["bytes"] == out.stat().st_size < 3e6
+    assert load_policy(policy).digest()
+    for arguments, named in (
+        ([policy, "--scenario", "2"], "scenario 4"),
+        (["--scenario", "swarm-64"], "at most 16"),
+        (["--open-loop", "motors"], "--open-loop"),
+        (["--worlds", "rogh"], "rogh"),
+        (["--worlds", "rough", "rough"], "two have one name"),
+        (["--worlds", "own.toml"], "two have one name, or one is called own"),
+        (["--motor-fmu", __file__], "--motor-fmu"),
+        ([policy, "--method", "shortest"], "--method"),
+        ([__file__], "policy"),
+        (["--seed", str(2**53)], "2^53"),
+        (["--out", "page.txt"], ".html"),
+    ):
+        refused = command("web", *arguments)
+        assert refused.returncode, arguments
+        assert named in refused.stderr, arguments
+        assert "Traceback" not in refused.stderr

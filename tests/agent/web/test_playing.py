@@ -1,6 +1,7 @@
 """Episodes that kernels alone play have the bits of a batch, and policies choose the same."""
 
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -9,17 +10,8 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.interpretations import build_process
 from agent.training.policy import GroupPolicy, PairPolicy, PolicyConfig, Seed, table_policy
 from agent.training.settings import LearningConfig
-from agent.web.playing import (
-    advance,
-    begin_step,
-    best_of,
-    end_step,
-    follow,
-    meet,
-    new_play,
-    plan_all,
-    start,
-)
+from agent.web import playing
+from agent.web.playing import deciding, new_play, start
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import BY_RANK
 from cosim.model.params import SHIELD
@@ -105,18 +97,11 @@ def test_kernels_alone_play_the_episode_of_a_batch(motor_fmu, straight_policy, s
         assert all(map(np.array_equal, play.moves.seen, episode.observation))
         directions = policy.act(episode.observation)
         step = batch.advance({0: directions})[0]
-        play.wanted[:], begin, sampled = directions, 0, []
-        begin_step(play)
-        while begin < len(play.noise):
-            periods = advance(play, begin, min(begin + 70, len(play.noise)))
-            sampled.append([signal[:periods, : scenario.robots].copy() for signal in play.samples])
-            begin += 70
-            if periods < 70:
-                break
-        outcome = BY_RANK[end_step(play)]
-        for signal, parts in zip(step.samples, zip(*sampled, strict=True), strict=True):
-            mine = np.concatenate(parts)
-            assert mine.tobytes() == np.ascontiguousarray(signal).tobytes()
+        play.wanted[:] = directions
+        outcome, periods = BY_RANK[playing.step(play)], int(play.state.periods[0])
+        for signal, mine in zip(step.samples, play.samples, strict=True):
+            part = np.ascontiguousarray(mine[:periods, : scenario.robots])
+            assert part.tobytes() == np.ascontiguousarray(signal).tobytes()
         assert np.array_equal(play.moves.action, step.action)
         assert outcome == episode.outcome
         if outcome:
@@ -137,6 +122,28 @@ def seen_by(scenario, rng):
     return Observation(cells, classes, signs, facing, np.array(scenario.targets), goals)
 
 
+class Seen(NamedTuple):
+    """What policies' kernels need of a play's moves."""
+
+    seen: Observation
+
+
+class Deciding(NamedTuple):
+    """What policies' kernels need of a play."""
+
+    decides: Any
+    moves: Seen
+    wanted: np.ndarray
+
+
+def chosen(policy, seen):
+    """Directions that the kernel of a policy chooses."""
+    name, decides = deciding(policy)
+    play = Deciding(decides, Seen(seen), np.zeros(2, dtype=np.int64))
+    getattr(playing, name)(play)
+    return play.wanted.tolist()
+
+
 @pytest.mark.parametrize("features", [("x", "y", "d", "g", "b"), ("x", "y", "p"), ("x", "y", "h")])
 def test_tables_of_best_directions_are_followed_like_values(features):
     config = PolicyConfig(NEAR, ProcessConfig(features=features), LearningConfig(), Seed(0))
@@ -145,11 +152,9 @@ def test_tables_of_best_directions_are_followed_like_values(features):
     # with many equal ones
     values = rng.integers(0, 3, (2, count, DIRECTION_COUNT)).astype(np.float32)
     policy = table_policy(config, values, np.ones(values.shape[:2], dtype=bool))
-    wanted, best = np.zeros(2, dtype=np.int64), best_of(policy.values)
     for _ in range(200):
         seen = seen_by(NEAR, rng)
-        follow(policy.process, best, seen, wanted)
-        assert wanted.tolist() == policy.act(seen).action.tolist()
+        assert chosen(policy, seen) == policy.act(seen).action.tolist()
 
 
 @pytest.mark.parametrize("method", ["fastest", "planned"])
@@ -158,11 +163,7 @@ def test_pairs_and_groups_choose_like_their_policies(method):
     process = ProcessConfig(features=features)
     config = PolicyConfig(NEAR, process, LearningConfig(), Seed(0), MOVES, method)
     policy = {"fastest": PairPolicy, "planned": GroupPolicy}[method].computed(config)
-    rng, wanted = np.random.default_rng(0), np.zeros(2, dtype=np.int64)
+    rng = np.random.default_rng(0)
     for _ in range(100):
         seen = seen_by(NEAR, rng)
-        if isinstance(policy, PairPolicy):
-            meet(policy.times, 13, 13, seen, wanted)
-        else:
-            plan_all(policy.group, 13, 13, seen, wanted)
-        assert wanted.tolist() == policy.act(seen).action.tolist()
+        assert chosen(policy, seen) == policy.act(seen).action.tolist()

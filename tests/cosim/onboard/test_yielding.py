@@ -106,9 +106,7 @@ def test_robots_that_would_collide_do_not_with_the_shield(motor_fmu, shield):
 
 def test_the_monitor_alone_keeps_robots_apart(motor_fmu, monkeypatch):
     """When nobody yields they meet, and are parted, again and again."""
-    monkeypatch.setattr(
-        rules, "adopt", lambda r, s, f, m, wanted, _: adopt(r, s, f, m, wanted, None)
-    )
+    monkeypatch.setattr(rules, "adopt", lambda r, s, m, wanted, _: adopt(r, s, m, wanted, None))
     timing = TIMING._replace(episode_limit_s=30.0)
     system, outcome = drive(motor_fmu, CoSimConfig(shield=SHIELD, timing=timing), HeadOn())
     assert outcome == "timeout"

@@ -22,7 +22,7 @@ from cosim.onboard.steering import DRIVE, GOAL_X, GOAL_Y, HOLD, MODE, PAST
 from cosim.recording.series import with_bursts
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import PROMPT_RL_STEP_S, DecisionOptions
-from cosim.simulation.rules import TICK, conclude
+from cosim.simulation.rules import TICK, conclude, robots_of
 from cosim.simulation.simulate import simulate
 from tests.alone import CoSimulation, drive
 
@@ -150,7 +150,7 @@ def test_limits_hold_to_the_tick_whenever_a_move_began():
         state.commands[:, MODE] = HOLD
         for later, decides in ((0, True), (3_999_999, False), (4_000_000, True)):
             episode.moves.counts[TICK] = began + later
-            conclude(episode.rules, state, 0, episode.moves, driven=False)
+            conclude(episode.rules, robots_of(state, 0), episode.moves, driven=False)
             assert episode.awaiting.all() == episode.awaiting.any() == decides
             episode.begin_step(np.array([SOUTH, NORTH]))
             assert episode.moves.decided.all() == decides

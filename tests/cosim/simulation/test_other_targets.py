@@ -61,9 +61,7 @@ def test_the_shield_keeps_out_of_anothers_target(motor_fmu, straight_policy):
 
 
 def test_the_monitor_alone_keeps_out_of_anothers_target(motor_fmu, straight_policy, monkeypatch):
-    monkeypatch.setattr(
-        rules, "adopt", lambda r, s, f, m, wanted, _: adopt(r, s, f, m, wanted, None)
-    )
+    monkeypatch.setattr(rules, "adopt", lambda r, s, m, wanted, _: adopt(r, s, m, wanted, None))
     timing = CoSimConfig().timing._replace(episode_limit_s=30.0)
     config = CoSimConfig(shield=SHIELD, timing=timing)
     system, _ = drive(BEYOND, motor_fmu, straight_policy(BEYOND.targets), config)
