@@ -24,8 +24,7 @@ from cosim.base.jit import TRANSIENT, digest_of_sources
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, temporary_folder, write_whole
 from fmus.build import instantiation_token
-from fmus.compiler import SAME_BITS, compiler_command, compiler_version, fmi_headers, run_compiler
-from fmus.compiler import source_files as sources_of
+from fmus.compiler import SAME_BITS, compiler_command, fmi_headers, run_compiler, source_files
 from fmus.description import render_header
 
 Kernels = Mapping[str, str]  # names in the module, and "module:name" in Python
@@ -45,6 +44,10 @@ _FEATURES = "+simd128,+bulk-memory,+sign-ext,+nontrapping-fptoint,+mutable-globa
 _EXPORTED = ("room", "address_of", "restore_motors", "seed_generator", "fill_uniforms")
 _FLAGS = ("-target", TARGET, "-mexec-model=reactor", "-msimd128", "-O3", "-g0", "-s", SAME_BITS)
 _MODEL = "VibrationMotors"
+# Functions whose last bits each C library has for itself, as LLVM calls them.
+_OF_LIBRARY = re.compile(
+    r"call [^\n]*@(?:llvm\.)?((?:a?(?:sin|cos|tan)|exp(?!eri)|log|pow|hypot|cbrt)\w*)[.(]"
+)
 _PARAMETER = re.compile(r", (?=(?:ptr|i\d+|double|float)\b)")
 
 
@@ -53,12 +56,10 @@ def compiled(kernels: Kernels, record: tuple[Any, ...]) -> bytes:
 
     Raises a UserError where ziglang is missing or fails.
     """
-    sources = [path.read_text("utf-8") for path in sorted(C.glob("*.c"))]
+    sources = digest_of_sources(Path(__file__).parents[2]), *sorted(C.glob("*.c"))
     asked = dict(kernels), str(numba.typeof(record)), _PLAIN, _FLAGS, _FEATURES
-    key = digest_of(
-        digest_of_sources(Path(__file__).parents[2]), *asked, sources, compiler_version()
-    )
-    path = cache_dir("web") / f"{key}.wasm"
+    # Nothing of the compilers: any of them gives these bits. A saved state of motors has the token.
+    path = cache_dir("web") / f"{digest_of(*sources, *asked, instantiation_token(_MODEL))}.wasm"
 
     def save(module: bytes, to: Path) -> None:
         write_whole(to, module)
@@ -80,9 +81,8 @@ def _compile(kernels: Kernels, record: tuple[Any, ...]) -> bytes:
         )
         if run.returncode:
             raise UserError(f"numba failed to compile the page's kernels: {run.stderr[-2000:]}")
-        for name, content in sources_of(
-            _MODEL, "3", render_header(_MODEL, instantiation_token(_MODEL))
-        ).items():
+        header = render_header(_MODEL, instantiation_token(_MODEL))
+        for name, content in source_files(_MODEL, "3", header).items():
             (work / name).write_bytes(content)
         units = ["kernels.o", *map(str, sorted(C.glob("*.c")))]
         exported = [f"-Wl,--export={name}" for name in (*_EXPORTED, *kernels)]
@@ -130,6 +130,11 @@ def _object_of(kernels: Kernels, types: tuple[Any, ...]) -> bytes:
     options.loop_vectorization = options.slp_vectorization = False
     passes = llvm.create_pass_builder(machine, options)
     passes.getModulePassManager().run(module, passes)
+    if found := sorted(set(_OF_LIBRARY.findall(str(module)))):
+        raise UserError(
+            f"kernels call {', '.join(found)} of the C library, whose bits differ from machine to "
+            "machine; have the project's own compute it, as `cosim.physics.trig` does"
+        )
     return machine.emit_object(module)
 
 
@@ -164,7 +169,7 @@ def _entry(export: str, name: str, text: str) -> str:
             f"  %status = call i32 @{name}({', '.join(passed)})",
             "  %whole = load i64, ptr %result",
             "  %value = trunc i64 %whole to i32",
-            "  %raised = icmp sgt i32 %status, 0",
+            "  %raised = icmp ne i32 %status, 0",
             "  %returned = select i1 %raised, i32 -1000, i32 %value",
             "  ret i32 %returned",
             "}",

@@ -34,6 +34,8 @@ def image_of(record: tuple[Any, ...], **more: np.ndarray) -> Image:
         return len(content) - len(raw)
 
     def put_array(name: str, array: np.ndarray) -> int:
+        if array.ndim > 1 and array.flags.fnc:
+            raise TypeError(f"{name} is an array in Fortran's order; copy it into C's")
         if id(array) not in places:
             places[id(array)] = put(array.tobytes())
         layout["arrays"][name] = [places[id(array)], array.dtype.name, array.shape]

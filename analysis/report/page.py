@@ -6,6 +6,7 @@ The page stands in a folder with its figures and opens from disk.
 import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
+from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -156,10 +157,13 @@ def result_tables(results: Path) -> Iterator[ReportTable]:
 
 
 def played(results: Path, out: Path) -> str:
-    """Write a page that plays a learnt policy of a pair; return its name, "" if none was learnt."""
+    """Write a page that plays a learnt policy of a pair; return its name.
+
+    "" if none was learnt, or without the extra `build`, which compiles the page.
+    """
     for method in reversed(DRIVEN_BY):
         policy = RESULTS[episodes_of(PLAYED, method)].location(results) / "policy.npz"
-        if policy.is_file():
+        if policy.is_file() and find_spec("ziglang"):
             write_page(out / PLAY, PLAYED, policy=policy)
             return PLAY
     return ""

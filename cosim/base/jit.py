@@ -68,7 +68,8 @@ class KernelLocator:
         own = function.__module__.partition(".")[0] in {"agent", "cosim"}
         stamp = "" if own else digest_of(Path(file))
         self.name = digest_of(function.__module__, function.__code__.co_firstlineno, stamp)
-        self.folder = cache_dir(f"kernels/{digest_of_sources(Path(__file__).parents[2])}")
+        sources = digest_of_sources(Path(__file__).parents[2])
+        self.folder = cache_dir(f"kernels/{digest_of(numba.__version__, sources)}")
 
     @classmethod
     def from_function(cls, function: Callable, file: str) -> Self:
@@ -98,9 +99,9 @@ class KernelLocator:
 
 @functools.cache
 def digest_of_sources(root: Path) -> str:
-    """Return a hash of numba's version and of the sources below a folder that have kernels."""
+    """Return a hash of the sources below a folder that have kernels."""
     files = sorted(file for folder in ("agent", "cosim") for file in root.glob(f"{folder}/**/*.py"))
-    return digest_of(numba.__version__, [str(file.relative_to(root)) for file in files], *files)
+    return digest_of([str(file.relative_to(root)) for file in files], *files)
 
 
 def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:

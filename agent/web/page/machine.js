@@ -5,7 +5,7 @@ const VIEWS = {
 };
 
 class Machine {
-  // layout: of `Image`, with the array "motors", the state of the motors' FMU.
+  // layout: of `Image`; with motors if it has the array "motors", the state of their FMU.
   constructor(wasm, image, layout) {
     const nothing = new Proxy({}, { get: () => () => 0 }); // of a system: no kernel calls it
     this.exports = new WebAssembly.Instance(new WebAssembly.Module(wasm), { wasi_snapshot_preview1: nothing }).exports;
@@ -20,6 +20,7 @@ class Machine {
     new Uint8Array(c.memory.buffer, base, image.length).set(image);
     const view = new DataView(c.memory.buffer, base);
     for (const at of layout.pointers) view.setInt32(at, view.getInt32(at, true) + base, true);
+    if (!layout.arrays.motors) return;
     ["set_float64", "do_step", "get_float64"].forEach((name, k) => this.set(`calls.functions.${name}`, c.address_of(k)));
     const state = this.array("motors").values, motors = c.restore_motors(state.byteOffset, state.length);
     if (!motors) throw new Error("the motors refuse their state");

@@ -52,7 +52,7 @@ class Case(NamedTuple):
 
 
 CASES = {
-    "pair": Case("4", "shortest", {}, (1, 0)),
+    "pair": Case("4", "shortest", {}),
     "rough": Case("4", "moves", {"shield": True, "world": ROUGH}, (0, 1, 2)),
     "slope": Case(INNER, "shortest", {"world": SLOPE, "time_limit": 100.0}, (0, 1)),
     "group": Case("4-cross", "planned", {"through": True, "shield": True}),
