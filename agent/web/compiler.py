@@ -44,9 +44,10 @@ _FEATURES = "+simd128,+bulk-memory,+sign-ext,+nontrapping-fptoint,+mutable-globa
 _EXPORTED = ("room", "address_of", "restore_motors", "seed_generator", "fill_uniforms")
 _FLAGS = ("-target", TARGET, "-mexec-model=reactor", "-msimd128", "-O3", "-g0", "-s", SAME_BITS)
 _MODEL = "VibrationMotors"
-# Functions whose last bits each C library has for itself, as LLVM calls them.
+# Functions whose last bits each C library has for itself, as LLVM calls them; log10 counts digits
+# in texts of errors.
 _OF_LIBRARY = re.compile(
-    r"call [^\n]*@(?:llvm\.)?((?:a?(?:sin|cos|tan)|exp(?!eri)|log|pow|hypot|cbrt)\w*)[.(]"
+    r"call [^\n]*@(?:llvm\.)?((?:a?(?:sin|cos|tan)|exp(?!eri)|log(?!10)|pow|hypot|cbrt)\w*)[.(]"
 )
 _PARAMETER = re.compile(r", (?=(?:ptr|i\d+|double|float)\b)")
 
