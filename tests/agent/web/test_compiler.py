@@ -2,7 +2,6 @@
 
 import json
 import math
-import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +29,7 @@ from cosim.onboard.observing import draw_starts
 from cosim.physics.lanes import Width, width_of
 from cosim.simulation.batch import Batch
 
-pytestmark = pytest.mark.skipif(not shutil.which("node"), reason="needs node")
+pytestmark = pytest.mark.browser
 MACHINE = Path(compiler.__file__).with_name("page") / "machine.js"
 FACING = Scenario("facing", "", ((15, 24), (15, 5)), (((15, 11),), ((15, 18),)))
 ROUGH = World(motor_spread=0.1, sensor=Sensor(30.0, 50.0, 0.5, 1.0, 0.1))
@@ -139,8 +138,13 @@ def called(folder, module: bytes, image: Image, *kernels: str):
 @pytest.mark.parametrize(
     ("scenario", "config"),
     [
-        pytest.param(FACING, PAIR, id="pair"),
-        pytest.param(FACING, replace(PAIR, world=ROUGH, shield=SHIELD), id="rough"),
+        pytest.param(FACING, PAIR, id="pair", marks=pytest.mark.slow),
+        pytest.param(
+            FACING,
+            replace(PAIR, world=ROUGH, shield=SHIELD),
+            id="rough",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(find_scenario("1a"), PAIR, id="one", marks=pytest.mark.slow),
         pytest.param(FACING, replace(PAIR, world=PATCHED), id="slope", marks=pytest.mark.slow),
         pytest.param(FACING, replace(PAIR, reaction=True), id="reaction", marks=pytest.mark.slow),

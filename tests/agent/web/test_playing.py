@@ -66,15 +66,14 @@ def begin_at(play, starts):
     start(play)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "config"),
     [
         (FACING, CoSimConfig()),
         (FACING, CoSimConfig(world=ROUGH, shield=SHIELD)),
         (FACING, CoSimConfig(world=SLOPE)),
-        pytest.param(
-            find_scenario("4-cross"), replace(PROMPT, shield=SHIELD), marks=pytest.mark.slow
-        ),
+        (find_scenario("4-cross"), replace(PROMPT, shield=SHIELD)),
         (find_scenario("1a"), CoSimConfig()),
     ],
     ids=["pair", "camera and shield", "slope", "four robots", "one robot"],
@@ -157,6 +156,7 @@ def test_tables_of_best_directions_are_followed_like_values(features):
         assert chosen(policy, seen) == policy.act(seen).action.tolist()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["fastest", "planned"])
 def test_pairs_and_groups_choose_like_their_policies(method):
     features = ("x", "y", "h", "p") if method == "fastest" else ("x", "y", "h")
