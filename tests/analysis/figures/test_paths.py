@@ -47,7 +47,8 @@ def test_one_board_holds_all_tracks_of_one_robot(results):
     assert [axes.get_title(loc="left") for axes in figure.axes] == titles
     paper, moves = (recordings(f"episodes_1a_{method}", results) for method in ("paper", "moves"))
     starts = [[paths.read_track(p).positions_m[0][0].tolist() for p in of] for of in (paper, moves)]
-    assert starts[0] == starts[1]
+    # The first rows are 25 ms old.
+    np.testing.assert_allclose(starts[0], starts[1], atol=1e-4)
 
 
 @pytest.fixture(scope="module")
