@@ -2,7 +2,9 @@
 
 import json
 import math
+import os
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -30,6 +32,7 @@ from cosim.physics.lanes import Width, width_of
 from cosim.simulation.batch import Batch
 
 pytestmark = pytest.mark.browser
+ROOT = Path(__file__).parents[3]
 MACHINE = Path(compiler.__file__).with_name("page") / "machine.js"
 FACING = Scenario("facing", "", ((15, 24), (15, 5)), (((15, 11),), ((15, 18),)))
 ROUGH = World(motor_spread=0.1, sensor=Sensor(30.0, 50.0, 0.5, 1.0, 0.1))
@@ -108,19 +111,19 @@ def decay(numbers: Numbers) -> int:
 
 
 class WatchingDriver(CompiledDriver):
-    """Keeps the last stretch, and the memory that it began with."""
+    """Keeps the last stretch, and the memory before and after it."""
 
-    last: tuple[Stretch, Image]
+    last: tuple[Stretch, Image, Image]
 
     def advance(self, plant, state, noise, samples, raw):
         """See `Driver.advance`."""
-        motors = self.motors
-        width = width_of(self.lanes)
+        motors, width = self.motors, width_of(self.lanes)
         stretch = Stretch(plant, state, noise, samples, raw, motors.calls, width)
         assert motors.array is not None
         saved = np.frombuffer(motors.array.get_state(), dtype=np.uint8)
-        self.last = stretch, image_of(stretch, motors=saved)
+        before = image_of(stretch, motors=saved)
         super().advance(plant, state, noise, samples, raw)
+        self.last = stretch, before, image_of(stretch)
 
 
 def called(folder, module: bytes, image: Image, *kernels: str):
@@ -133,6 +136,26 @@ def called(folder, module: bytes, image: Image, *kernels: str):
     assert done.returncode == 0, done.stderr
     results, size = json.loads(done.stdout)
     return results, size, {name: (folder / name).read_bytes() for name in image.layout["arrays"]}
+
+
+def simulated(fmu, policy, scenario, config) -> tuple[Stretch, Image, Image]:
+    """Return the last RL step of a short episode, and the memory before and after it."""
+    batch = Batch(fmu, config, scenario.robots, 1, lanes=min(2, scenario.robots))
+    batch.driver = driver = WatchingDriver(batch.driver.motors, batch.driver.lanes)
+    starts, seed = draw_starts(scenario, np.random.default_rng(3)), np.random.SeedSequence(3)
+    episode, policy = batch.begin(0, scenario, starts, seed), policy(scenario.targets)
+    for _ in range(6):  # of 200 000 ticks each
+        if not episode.outcome:
+            batch.advance({0: policy.act(episode.observation)})
+    batch.close()
+    return driver.last
+
+
+def differing(arrays: dict[str, bytes], after: Image) -> list[str]:
+    """Return the names of arrays that are not as Python left them."""
+    content, layout = after
+    places = {name: at for name, (at, *_) in layout["arrays"].items() if name != "calls.instances"}
+    return [n for n, at in places.items() if arrays[n] != content[at : at + len(arrays[n])]]
 
 
 @pytest.mark.parametrize(
@@ -165,25 +188,37 @@ def called(folder, module: bytes, image: Image, *kernels: str):
 def test_a_stretch_has_the_bits_of_the_compiled_driver(
     array_fmu, straight_policy, tmp_path, scenario, config
 ):
-    starts = draw_starts(scenario, np.random.default_rng(3))
-    batch = Batch(array_fmu, config, scenario.robots, 1, lanes=min(2, scenario.robots))
-    batch.driver = driver = WatchingDriver(batch.driver.motors, batch.driver.lanes)
-    episode = batch.begin(0, scenario, starts, np.random.SeedSequence(3))
-    policy = straight_policy(scenario.targets)
-    for _ in range(6):  # of 200 000 ticks each
-        if not episode.outcome:
-            batch.advance({0: policy.act(episode.observation)})
-    stretch, image = driver.last
+    stretch, before, after = simulated(array_fmu, straight_policy, scenario, config)
     assert stretch.state.periods[0] >= 200
     module = compiled({"run": f"{__name__}:run"}, stretch)
-    results, _, arrays = called(tmp_path, module, image, "run", "run")
+    results, _, arrays = called(tmp_path, module, before, "run", "run")
     assert results == [0, 0]
-    expected = image_of(stretch)
-    for name, (at, *_) in expected.layout["arrays"].items():
-        if name != "calls.instances":
-            found = arrays[name]
-            assert found == expected.content[at : at + len(found)], name
-    batch.close()
+    assert differing(arrays, after) == []
+
+
+@pytest.mark.slow
+def test_a_constant_of_a_kernel_changes_modules_and_python_alike(
+    array_fmu, straight_policy, tmp_path
+):
+    copy, cache = tmp_path / "copy", tmp_path / "cache"
+    for folder in ("agent", "analysis", "cosim", "fmus", "minirobots", "tests"):
+        shutil.copytree(ROOT / folder, copy / folder)
+    shutil.copy(ROOT / "pyproject.toml", copy)
+    contact = copy / "cosim/physics/contact.py"
+    text = contact.read_text("utf-8")
+    assert "\nGAP_CORRECTION = 0.1\n" in text
+    contact.write_text(text.replace("GAP_CORRECTION = 0.1", "GAP_CORRECTION = 0.12"), "utf-8")
+    test = ["tests/agent/web/test_compiler.py", "-k", "pair", "-n", "0", "-p", "no:cacheprovider"]
+    places = {"PYTHONPATH": str(copy), "MINIROBOTS_CACHE": str(cache)}
+    command = [sys.executable, "-m", "pytest", *test]
+    run = subprocess.run(
+        command, cwd=copy, env=os.environ | places, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stdout
+    (module,) = cache.glob("web/*.wasm")
+    _, before, after = simulated(array_fmu, straight_policy, FACING, PAIR)
+    _, _, arrays = called(tmp_path, module.read_bytes(), before, "run")
+    assert "state.bodies" in differing(arrays, after)
 
 
 def test_arrays_that_kernels_make_are_freed_and_errors_are_raised(tmp_path):
