@@ -133,7 +133,7 @@ def opened(browser, path, **options):
     return page, said
 
 
-BRIEF = ("pair", "one")  # which share the kernels of most other tests
+BRIEF = ("pair",)  # the kernels of most other tests
 
 
 @pytest.mark.parametrize(
@@ -271,6 +271,7 @@ def test_damaged_page_shows_its_error_as_text(browser, written, tmp_path):
     assert page.inner_text("#outcome") == "error"
 
 
+@pytest.mark.slow  # one robot has kernels of its own
 def test_titles_cannot_run_scripts(browser, tmp_path):
     scenario = Scenario("hostile", HOSTILE, ((5, 5),), (((5, 9),),))
     write_page(tmp_path / "page.html", scenario, method="shortest")
