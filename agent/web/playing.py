@@ -223,6 +223,8 @@ def meet(play: Play) -> int:
 def plan_all(play: Play) -> int:
     """Write the directions of robots that plan likewise; those under way keep theirs."""
     seen, decides, wanted = play.moves.seen, play.decides, play.wanted
+    if not play.moves.awaiting.any():
+        return 0
     cells, goals, axes = numbered(seen, decides.columns, decides.rows)
     plan(decides.times, cells, goals, axes, wanted, np.empty(len(cells)))
     for i in range(len(cells)):

@@ -125,6 +125,7 @@ class Seen(NamedTuple):
     """What policies' kernels need of a play's moves."""
 
     seen: Observation
+    awaiting: np.ndarray
 
 
 class Deciding(NamedTuple):
@@ -138,7 +139,7 @@ class Deciding(NamedTuple):
 def chosen(policy, seen):
     """Directions that the kernel of a policy chooses."""
     name, decides = deciding(policy)
-    play = Deciding(decides, Seen(seen), np.zeros(2, dtype=np.int64))
+    play = Deciding(decides, Seen(seen, np.ones(2, dtype=bool)), np.zeros(2, dtype=np.int64))
     getattr(playing, name)(play)
     return play.wanted.tolist()
 
