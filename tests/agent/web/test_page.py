@@ -253,7 +253,7 @@ def test_robots_are_dragged_to_where_there_is_room(browser, written):
     page.focus("#board")
     page.keyboard.press("ArrowUp")
     page.wait_for_function(f"Math.abs(shown().robots[0][1] - {after[0][1] + 0.01}) < 1e-9")
-    page.keyboard.press(".")  # it goes on from there
+    page.keyboard.press(".")  # it continues from there
     page.wait_for_function(f"{TIME} === '2.0 s'")
     page.keyboard.press("r")
     page.wait_for_function("document.getElementById('outcome').textContent === 'running'")
