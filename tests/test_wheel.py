@@ -43,21 +43,21 @@ mr.simulate()
 """
 
 
-def build(out: Path, kind: str, targets: str) -> Path:
-    """A wheel or an sdist with FMUs for some platforms."""
-    subprocess.run(
-        ["uv", "build", f"--{kind}", "--quiet", "--out-dir", out],
-        cwd=ROOT,
-        env=os.environ | {"MINIROBOTS_WHEEL_TARGETS": targets},
-        check=True,
-    )
+# What is carried sooner than all.
+FEWER = {"MINIROBOTS_WHEEL_TARGETS": host_target(), "MINIROBOTS_WHEEL_PAGES": "4/shortest"}
+
+
+def build(out: Path, kind: str, fewer: dict[str, str]) -> Path:
+    """A wheel or an sdist."""
+    command = ["uv", "build", f"--{kind}", "--quiet", "--out-dir", out]
+    subprocess.run(command, cwd=ROOT, env=os.environ | fewer, check=True)
     (path,) = (path for path in out.iterdir() if path.suffix in {".whl", ".gz"})
     return path
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> Path:
-    return build(tmp_path_factory.mktemp("wheel"), "wheel", host_target())
+    return build(tmp_path_factory.mktemp("wheel"), "wheel", FEWER)
 
 
 def test_wheel_holds_every_file_of_the_packages_and_no_other(wheel):
@@ -68,7 +68,9 @@ def test_wheel_holds_every_file_of_the_packages_and_no_other(wheel):
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
         carried = [zipfile.ZipFile(io.BytesIO(archive.read(name))) for name in BUILT]
-    assert names == there | BUILT
+    (page,) = (name for name in names if name.endswith(".wasm"))
+    assert page.startswith("cosim/packaged/web/")
+    assert names == there | BUILT | {page, f"{page}.sha256"}
     for fmu in carried:
         assert any(name.startswith(f"binaries/{host_target()}/") for name in fmu.namelist())
 
@@ -100,7 +102,7 @@ def test_pyright_sees_the_types_of_an_installed_wheel(wheel, tmp_path):
 def packages(tmp_path_factory) -> dict[str, Path]:
     """What others install: a wheel for all platforms, and an sdist."""
     folder = tmp_path_factory.mktemp("packages")
-    return {kind: build(folder / kind, kind, "") for kind in ("wheel", "sdist")}
+    return {kind: build(folder / kind, kind, {}) for kind in ("wheel", "sdist")}
 
 
 @pytest.fixture(scope="module")
@@ -129,8 +131,8 @@ def test_installed_package_works_without_the_checkout_and_a_compiler(
         ["uv", "venv", "--quiet", "--python", version or sys.executable, environment],
         ["uv", "pip", "install", "--quiet", "--python", python, package],
     ):
-        targets = {"MINIROBOTS_WHEEL_TARGETS": host_target()}  # of what is built from the sdist
-        subprocess.run(command, cwd=ROOT, env=os.environ | targets, check=True)
+        # FEWER for what is built from the sdist
+        subprocess.run(command, cwd=ROOT, env=os.environ | FEWER, check=True)
     own = {name: v for name, v in os.environ.items() if name not in {"PYTHONPATH", "VIRTUAL_ENV"}}
     own |= {"MINIROBOTS_CACHE": str(tmp_path / "cache"), "PATH": str(environment / "bin")}
 
@@ -146,9 +148,11 @@ def test_installed_package_works_without_the_checkout_and_a_compiler(
     assert "timeout" in text
     (recording,) = work.glob("runs/1a-*/episodes/ep_000.rrd")
     assert recording.stat().st_size > 100_000
+    size = json.loads(run(environment / "bin" / "minirobots", "web", "--json").splitlines()[-1])
+    assert size["bytes"] == (work / "page.html").stat().st_size > 100_000
     bits, outcome, *files = run(python, "-c", SESSION).split()
     assert found.setdefault("bits", bits) == bits
     assert outcome == "timeout"
     assert all(Path(file).is_relative_to(environment) for file in files)
     files = {path.name for path in work.iterdir()}
-    assert files == {"runs", "policy.npz", "policy.json", "episode.rrd"}
+    assert files == {"runs", "page.html", "policy.npz", "policy.json", "episode.rrd"}

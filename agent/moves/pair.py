@@ -188,9 +188,11 @@ def pair_values(
             squared = squared_distance(p_after, q_after, at)
             if time < least - GRAIN_S or (time <= least + GRAIN_S and squared > farthest):
                 least, best_a, best_b, farthest = min(time, least), a, b, squared
-    if best_a >= 0:
-        values[0, best_a] = max(values[0].max(), values[0, best_a]) + np.float32(GRAIN_S)
-        values[1, best_b] = max(values[1].max(), values[1, best_b]) + np.float32(GRAIN_S)
-    for i in range(2):
+    for i, best in enumerate((best_a, best_b)):
+        if best >= 0:
+            largest = values[i, best]
+            for value in values[i]:
+                largest = max(largest, value)
+            values[i, best] = largest + np.float32(GRAIN_S)
         if goals[i] != cells[i]:
             values[i] = values[i, 0]

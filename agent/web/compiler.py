@@ -6,7 +6,7 @@ with the motors' C. A kernel of the module takes the address of its arguments, s
 `agent.web.image`.
 """
 
-import importlib
+import importlib.util
 import os
 import pickle
 import re
@@ -14,7 +14,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 import numba
@@ -29,7 +29,16 @@ from fmus.description import render_header
 
 Kernels = Mapping[str, str]  # names in the module, and "module:name" in Python
 
+
+class Module(NamedTuple):
+    """A WebAssembly module, and the name of its file in the cache and in the wheel."""
+
+    name: str
+    content: bytes
+
+
 C = Path(__file__).with_name("c")
+CACHED = "web"  # the kind of modules in the cache
 TARGET = "wasm32-wasi"
 # What numba's optimizers and its processor are in the process that compiles.
 _PLAIN = {
@@ -52,26 +61,28 @@ _OF_LIBRARY = re.compile(
 _PARAMETER = re.compile(r", (?=(?:ptr|i\d+|double|float)\b)")
 
 
-def compiled(kernels: Kernels, record: tuple[Any, ...]) -> bytes:
-    """Return a module with kernels that take a record like this one, from the cache if it is there.
+def compiled(kernels: Kernels, record: tuple[Any, ...]) -> Module:
+    """Return a module of kernels that take a record like this one; cache or wheel may have it.
 
     Raises a UserError where ziglang is missing or fails.
     """
     sources = digest_of_sources(Path(__file__).parents[2]), *sorted(C.glob("*.c"))
     asked = dict(kernels), str(numba.typeof(record)), _PLAIN, _FLAGS, _FEATURES
     # Nothing of the compilers: any of them gives these bits. A saved state of motors has the token.
-    path = cache_dir("web") / f"{digest_of(*sources, *asked, instantiation_token(_MODEL))}.wasm"
+    name = f"{digest_of(*sources, *asked, instantiation_token(_MODEL))}.wasm"
 
-    def save(module: bytes, to: Path) -> None:
-        write_whole(to, module)
+    def save(module: bytes, path: Path) -> None:
+        write_whole(path, module)
 
-    return cached(path, Path.read_bytes, lambda: _compile(kernels, record), save)
+    path = cache_dir(CACHED) / name
+    return Module(name, cached(path, Path.read_bytes, lambda: _compile(kernels, record), save))
 
 
 def _compile(kernels: Kernels, record: tuple[Any, ...]) -> bytes:
-    if "ziglang" not in compiler_command():
+    if not importlib.util.find_spec("ziglang"):
         raise UserError(
-            "a page is compiled by ziglang, which is missing; install the extra `build`"
+            "the kernels of this page are compiled by ziglang, which is missing: install the extra "
+            "`build`; wheels have those of the paper's robot"
         )
     with temporary_folder() as folder:
         work = Path(folder)

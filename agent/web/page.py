@@ -15,9 +15,9 @@ from agent.mdp.greedy import GreedyPolicy
 from agent.training.methods import best_method, find_method, method_config
 from agent.training.policy import load_policy
 from agent.training.store import find_or_make
-from agent.web.compiler import compiled
+from agent.web.compiler import Module, compiled
 from agent.web.image import image_of
-from agent.web.playing import deciding, new_play
+from agent.web.playing import Play, deciding, new_play
 from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.storage import require_suffix, write_whole
@@ -121,15 +121,34 @@ def _policy(
     return find_or_make(method_config(chosen, scenario, **how), progress=progress)[0]
 
 
-def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str, Any]:
-    """Return a world of a page: kernels, the memory that they begin with, and what is in it."""
+def module_of(scenario: str, method: str) -> Module:
+    """Return the compiled kernels of pages of a scenario and method, with default options."""
+    setup = resolve(SimulationOptions(), scenario)
+    policy = _policy(setup.scenario, SimulationOptions(), None, method, silent)
+    batch, _, module = _begin(policy, setup, 0)
+    batch.close()
+    return module
+
+
+def _begin(policy: GreedyPolicy, setup: Setup, seed: int) -> tuple[Batch, Play, Module]:
+    """Return an episode that has begun, as a page plays it, in its batch, and compiled kernels."""
     scenario, config, fmu = setup
     policy.require_scenario(scenario)
-    n, motors, feet = scenario.robots, config.robot.motors_count, config.robot.feet_count
-    batch = Batch(fmu, config, n, 1, lanes=2)
+    batch = Batch(fmu, config, scenario.robots, 1, lanes=2)
     episode = batch.begin(0, scenario, *draw_episode(scenario, seed, 0))
     decide, decides = deciding(policy)
-    play, instance = new_play(batch, episode, decides), batch.driver.motors.array
+    play = new_play(batch, episode, decides)
+    kernels = {"start": "start", "decide": decide, "step": "step", "place": "place"}
+    there = {name: f"agent.web.playing:{kernel}" for name, kernel in kernels.items()}
+    return batch, play, compiled(there, play)
+
+
+def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str, Any]:
+    """Return a world of a page: kernels, the memory that they begin with, and what is in it."""
+    scenario, config, _ = setup
+    n, motors, feet = scenario.robots, config.robot.motors_count, config.robot.feet_count
+    batch, play, module = _begin(policy, setup, seed)
+    instance = batch.driver.motors.array
     assert instance is not None
     cameras = [CAMERA_CHILD + robot for robot in range(n if config.world.camera.rate_hz else 0)]
     keys = [(0, 0), *((0, 1, k) for k in (WORLD_CHILD, *range(n * motors), *cameras, DETOUR_CHILD))]
@@ -140,8 +159,6 @@ def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str
         keys=np.zeros(3, dtype=np.uint32),
         chance=np.zeros(n),
     )
-    kernels = {"start": "start", "decide": decide, "step": "step", "place": "place"}
-    wasm = compiled({name: f"agent.web.playing:{kernel}" for name, kernel in kernels.items()}, play)
     batch.close()
     properties, rows = play.state.properties, slice(MU, MU + 2 * feet)
     places = np.arange(properties.size).reshape(properties.shape)[rows, :n]
@@ -167,7 +184,7 @@ def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str
         "noise": config.noise.relative_amplitude,
         "shielded": config.shield is not None,
     }
-    packed = {"wasm": _packed(wasm), "image": _packed(image.content)}
+    packed = {"wasm": _packed(module.content), "image": _packed(image.content)}
     return {"name": name, **packed, "layout": image.layout, "facts": facts}
 
 
