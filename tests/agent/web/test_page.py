@@ -59,7 +59,8 @@ CASES = {
     "droplet": Case("2", "shortest", {"preset": "droplet", "time_limit": 60.0}),
     "reaction": Case("2", "shortest", {"reaction": True, "time_limit": 60.0}),
     "fastest": Case("4", "fastest", {"through": True}),
-    "one": Case("1a", "shortest", {}),
+    "one": Case("1a", "moves", {}),
+    "paper": Case("2", "paper", {}),
 }
 
 
