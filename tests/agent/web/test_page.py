@@ -125,6 +125,7 @@ def compare(found: dict[str, Any], setup: Setup, method: str, seed: int) -> None
 def opened(browser, path, **options):
     """The page in the browser, and what it complains of or asks the network for."""
     page = browser.new_page(**options)
+    page.set_default_timeout(300_000)  # on a busy machine
     said = []
     page.on("console", lambda message: said.append(message.text))
     page.on("pageerror", lambda error: said.append(str(error)))
