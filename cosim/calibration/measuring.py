@@ -20,8 +20,6 @@ from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration, load_ca
 from cosim.calibration.trial import Trial, mean_motion
 from cosim.fmi.motor import MotorFmu, with_motor
 from cosim.model.config import CoSimConfig
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.physics.body_state import QUATERNION
 from fmus.build import identity_of_fmu
 
 VERSION = 2  # of calibrations: raise it when their bits change
@@ -116,26 +114,20 @@ def measure_batch(
     rate = 2.0 * config.steering.dither_rad_s  # at which it changes the phase
     half = math.ceil((2.0 * math.pi / rate if rate > 0.0 else 0.5 * UNDITHERED_ROUND_S) / period_s)
     with Trial(fmu, config, np.zeros(len(batch)), seed) as trial:
-        commands = trial.commands
-        commands[:, MODE] = DIRECT
         phase_rate = np.array([p.phase for p in batch]) / (settle * period_s)
-        sign = np.sign(set_points[:, 1])
-        commands[:, OMEGA_D] = set_points[:, 0]
-        commands[:, OMEGA_E] = set_points[:, 1] + sign * phase_rate
+        ahead = np.sign(set_points[:, 1]) * phase_rate
+        trial.set_motors(set_points + np.outer(ahead, (0.0, 1.0)))
         trial.advance(settle)
-        before = trial.bodies[: QUATERNION.stop].T.copy()
-        omega, airborne, lifted, track = [], [], [], [before[None]]
+        before, samples = trial.poses, []
         for k in range(2 * ROUNDS):
             change = (dither if k % 2 == 0 else -dither)[:, None] * unequal
-            commands[:, [OMEGA_D, OMEGA_E]] = set_points + change
-            samples = trial.advance(half)
-            omega.append(samples.omega.mean(axis=0))
-            airborne.append(samples.airborne_share.mean(axis=0))
-            lifted.append(samples.lifted_share.mean(axis=0))
-            track.append(np.concatenate([samples.position, samples.quaternion], axis=2))
-    motion = mean_motion(np.concatenate(track), period_s)
-    shares = np.mean(airborne, axis=0), np.mean(lifted, axis=0)
-    return np.column_stack([np.mean(omega, axis=0), motion, *shares])
+            trial.set_motors(set_points + change)
+            samples.append(trial.advance(half))
+    omega, airborne, lifted = (
+        np.mean([getattr(part, name).mean(axis=0) for part in samples], axis=0)
+        for name in ("omega", "airborne_share", "lifted_share")
+    )
+    return np.column_stack([omega, mean_motion(before, samples, period_s), airborne, lifted])
 
 
 def digest(config: CoSimConfig, motor_fmu: Path) -> str:

@@ -24,8 +24,6 @@ from cosim.base.storage import cache_dir, cached, write_json
 from cosim.calibration.trial import Trial, mean_motion
 from cosim.fmi.motor import MotorFmu
 from cosim.model.preset import find_preset
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
-from cosim.physics.body_state import QUATERNION
 from fmus.build import identity_of_fmu
 
 VERSION = 3  # of simulated motions: raise it when their bits change
@@ -96,14 +94,11 @@ def simulated(variant: Variant, fmu: MotorFmu) -> Motion:
     with Trial(
         fmu, config, np.zeros(robots), np.random.SeedSequence(0), [(own,) * 3 for own in motors]
     ) as trial:
-        trial.commands[:, MODE] = DIRECT
-        ways = np.tile(WAYS, (len(UNBALANCES_KG_M), 1))
-        trial.commands[:, OMEGA_D : OMEGA_D + 3] = config.top_speed_rad_s * ways
+        trial.set_motors(config.top_speed_rad_s * np.tile(WAYS, (len(UNBALANCES_KG_M), 1)))
         trial.advance(round(4.0 * cycle_s / period_s))
-        before = trial.bodies[: QUATERNION.stop].T[None].copy()
+        before = trial.poses
         samples = trial.advance(round(math.ceil(DRIVEN_S / cycle_s) * cycle_s / period_s))
-    track = np.concatenate([samples.position, samples.quaternion], axis=2)
-    motion = mean_motion(np.concatenate([before, track]), period_s).reshape(-1, len(WAYS), 3)
+    motion = mean_motion(before, [samples], period_s).reshape(-1, len(WAYS), 3)
     forward, backward = np.hypot(motion[:, :2, 0], motion[:, :2, 1]).T
     return Motion(forward, backward, np.abs(motion[:, 2:, 2]).mean(axis=1))
 
