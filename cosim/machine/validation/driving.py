@@ -95,7 +95,7 @@ def closed_form(config: CoSimConfig, omega_rad_s: float) -> dict[str, float]:
 
 
 def drive_by_the_clock(
-    config: CoSimConfig, fmu: MotorFmu, legs: Legs, robots: int, seed: int, *, dithered: bool
+    config: CoSimConfig, fmu: MotorFmu, legs: Legs, robots: int, seed: int, dithered: bool
 ) -> np.ndarray:
     """Displacement (robots, 3) in m, x along the first heading, and turned angle in rad.
 
