@@ -76,14 +76,9 @@ def measure(
     progress(task, 0, len(todo))
     with ThreadPoolExecutor(jobs) as threads:
         seeds = (np.random.SeedSequence(0, spawn_key=(k,)) for k in range(len(batches)))
-        try:
-            one = functools.partial(measure_batch, config, fmu)
-            for result in threads.map(one, batches, seeds):
-                rows += list(result)
-                progress(task, len(rows), len(todo))
-        except BaseException:
-            threads.shutdown(cancel_futures=True)
-            raise
+        for result in threads.map(functools.partial(measure_batch, config, fmu), batches, seeds):
+            rows += list(result)
+            progress(task, len(rows), len(todo))
     table = np.array(rows)
     return Calibration(
         np.array([(p.omega_d, p.omega_e) for p in todo]),
@@ -178,11 +173,4 @@ def calibrated(
     config = with_motor(config, motor_fmu)
     if config.robot.own_layout:
         return steered(config, find_primitives(config, motor_fmu, progress))
-    calibration = find_calibration(config, motor_fmu, progress)
-    if slower:
-        calibration.require_motion(config.robot.mu)
-        largest = min(calibration.largest(drive) for drive in DRIVES)
-        if largest < config.steering.drive_speed_m_s:
-            source = "computed: the largest speed without hopping"
-            config = config.having(source, drive_speed_m_s=largest)
-    return calibration.resolved(config)
+    return find_calibration(config, motor_fmu, progress).resolved(config, slower=slower)
