@@ -61,6 +61,7 @@ def test_vertical_shafts_lift_nothing():
         ("motor = []\n", "motor"),
         (MOTOR.replace("2.0", "0.0"), "has no length"),
         (MOTOR.replace("0.02", "nan"), "motor[0]"),
+        (MOTOR.replace("0.02", "20.0"), "give -10 to 10"),
         (MOTOR.replace("0.02", "0.03"), "outside the body"),
         (FEET.replace("0.02, 0.0]", "0.02, 0.0, 0.001]"), "µm above the floor"),
         (FEET.replace("[0.02", "[0.04"), "outside the body"),
