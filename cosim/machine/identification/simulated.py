@@ -51,6 +51,7 @@ from cosim.physics.properties import (
 from cosim.physics.rotation import Vector, heading, rotation_matrix
 
 LOOKS_S = 0.005  # between simulated poses, which are interpolated
+MOST_PERIODS = 5000  # of a trial at once, whose samples take memory
 REPEATS, WINDOW_S = 8, 5.0  # of simulations with other noise, and over which they drift apart
 
 
@@ -237,9 +238,10 @@ def motor_speeds(
         steering = config.steering._replace(pulse_s=0.0)
         config = replace(config, steering=steering, open_loop=("motors",))
     changes = np.flatnonzero(np.diff(set_points, axis=0).any(axis=1)) + 1
+    cuts = np.union1d(changes, np.arange(MOST_PERIODS, len(set_points), MOST_PERIODS))
     with Trial(fmu, config, np.zeros(1), seed) as trial:
         speeds = [trial.omega]
-        for part in np.split(set_points, changes):
+        for part in np.split(set_points, cuts):
             trial.set_motors(part[0])
             speeds.append(trial.advance(len(part)).omega[:, 0])
     return np.concatenate(speeds)
