@@ -208,14 +208,15 @@ def _motors(tables: list[_Component]) -> tuple[_Component, tuple[Any, str]]:
     for k, table in enumerate(tables):
         where = f"motor[{k}]."
         require_names(where, table, ("place_m", "axis", *MotorParams._fields))
-        own = {n: table.pop(n) for n in MotorParams._fields if n in table}
-        place = validate_argument(where.rstrip("."), table, _Motor)
+        own = [table.pop(name, usual) for name, usual in _USUAL.items()]
+        values = validate_argument(f"motor[{k}]", own, MotorParams)._asdict()
+        place = validate_argument(f"motor[{k}]", table, _Motor)
         length = math.hypot(*place.axis)
         if length < 1e-6:
             raise UserError(f"{where}axis = {list(place.axis)} has no length; give a direction")
         length = 1.0 if abs(length - 1.0) < 1e-12 else length  # a file of ours keeps its bits
         x, y, z = (value / length for value in place.axis)
-        differs = {n: v for n, v in {**_USUAL, **own}.items() if v != {**_USUAL, **common}[n]}
+        differs = {n: v for n, v in values.items() if v != {**_USUAL, **common}[n]}
         found.append(Mount(place.place_m, (x, y, z), tuple(differs.items())))
     return common | {"source": sources[0] or "preset"}, (tuple(found), _joined(sources))
 

@@ -61,6 +61,8 @@ def test_vertical_shafts_lift_nothing():
         ("motor = []\n", "motor"),
         (MOTOR.replace("2.0", "0.0"), "has no length"),
         (MOTOR.replace("0.02", "nan"), "motor[0]"),
+        (MOTOR + MOTOR.replace("axis", "m = -1\naxis") + FEET, "motor[1].m = -1 is invalid"),
+        (MOTOR + MOTOR.replace("axis", "J = nan\naxis") + FEET, "motor[1].J = nan is invalid"),
         (MOTOR.replace("0.02", "20.0"), "give -10 to 10"),
         (MOTOR.replace("0.02", "0.03"), "outside the body"),
         (FEET.replace("0.02, 0.0]", "0.02, 0.0, 0.001]"), "µm above the floor"),
