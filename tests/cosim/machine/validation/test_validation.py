@@ -107,6 +107,7 @@ def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, comm
     """The whole command on one speed and one small path, twice."""
     monkeypatch.setattr(measurement, "SPEEDS", (SPEEDS[-1],))
     monkeypatch.setattr(measurement, "PATHS", (polygon(3, 1.0, (1.0,), None),))
+    monkeypatch.setattr(measurement, "VERSION", str(tmp_path))  # of which nothing is kept yet
     counts: list[float] = []
 
     def told(task: str, done: float, total: float | None, state: str = "") -> None:
