@@ -136,10 +136,8 @@ def validate(
         variant: Measurement(simulated, droplet, motor_fmu, (variant,))
         for variant in (VARIANTS if count >= FULL else (SHOWN,))
     }
-    store, jobs = (
-        _Cache(),
-        [job for part in (speeds, slopes, paths, variants) for job in part.values()],
-    )
+    jobs = [*speeds.values(), *slopes.values(), *paths.values(), *variants.values()]
+    store = _Cache()
     for _ in run(jobs, store, MEASUREMENTS, where, progress=progress, task="measuring"):
         pass
     motions = {v: Motion(*map(np.array, store.find(job))) for v, job in variants.items()}
