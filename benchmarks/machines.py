@@ -16,7 +16,6 @@ from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import Foot, Mount
 from cosim.model.preset import Preset
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
 from fmus.build import cached_fmu
 
 MACHINES = ((2, 3), (2, 4), (3, 3), (4, 6), (1, 8))  # motors and feet
@@ -50,8 +49,7 @@ def standing(motors: int, feet: int) -> Trial:
     trial = Trial(
         MotorFmu(cached_fmu()), machine(motors, feet), np.zeros(ROBOTS), np.random.SeedSequence(0)
     )
-    trial.commands[:, MODE] = DIRECT
-    trial.commands[:, OMEGA_D : OMEGA_D + motors] = SPEED_RAD_S
+    trial.set_motors(np.full(motors, SPEED_RAD_S))
     trial.advance(PERIODS)
     return trial
 

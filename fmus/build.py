@@ -35,16 +35,9 @@ _CARRIED = ROOT.parent / CARRIED
 _COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 
 
-def build_fmu(
-    out_dir: Path, model: Model = "VibrationMotor", targets: Sequence[str] | None = None
-) -> Path:
-    """Build a model's FMI 3.0 FMU.
-
-    Args:
-        out_dir: folder that receives the FMU, which has the model's name; made if missing.
-        targets: platforms, keys of `fmus.compiler.TARGETS`; by default this machine's.
-    """
-    return build_fmus({"3": out_dir / f"{model}.fmu"}, targets or [host_target()], model=model)[0]
+def build_fmu(out_dir: Path, model: Model = "VibrationMotor") -> Path:
+    """Build a model's FMI 3.0 FMU for this machine, in a folder that is made if missing."""
+    return build_fmus({"3": out_dir / f"{model}.fmu"}, [host_target()], model=model)[0]
 
 
 def build_fmus(

@@ -20,8 +20,6 @@ from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration, load_ca
 from cosim.calibration.trial import Trial, mean_motion
 from cosim.fmi.motor import MotorFmu, with_motor
 from cosim.model.config import CoSimConfig
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
-from cosim.physics.body_state import QUATERNION
 from fmus.build import identity_of_fmu
 
 VERSION = 2  # of calibrations: raise it when their bits change
@@ -78,14 +76,9 @@ def measure(
     progress(task, 0, len(todo))
     with ThreadPoolExecutor(jobs) as threads:
         seeds = (np.random.SeedSequence(0, spawn_key=(k,)) for k in range(len(batches)))
-        try:
-            one = functools.partial(measure_batch, config, fmu)
-            for result in threads.map(one, batches, seeds):
-                rows += list(result)
-                progress(task, len(rows), len(todo))
-        except BaseException:
-            threads.shutdown(cancel_futures=True)
-            raise
+        for result in threads.map(functools.partial(measure_batch, config, fmu), batches, seeds):
+            rows += list(result)
+            progress(task, len(rows), len(todo))
     table = np.array(rows)
     return Calibration(
         np.array([(p.omega_d, p.omega_e) for p in todo]),
@@ -116,26 +109,20 @@ def measure_batch(
     rate = 2.0 * config.steering.dither_rad_s  # at which it changes the phase
     half = math.ceil((2.0 * math.pi / rate if rate > 0.0 else 0.5 * UNDITHERED_ROUND_S) / period_s)
     with Trial(fmu, config, np.zeros(len(batch)), seed) as trial:
-        commands = trial.commands
-        commands[:, MODE] = DIRECT
         phase_rate = np.array([p.phase for p in batch]) / (settle * period_s)
-        sign = np.sign(set_points[:, 1])
-        commands[:, OMEGA_D] = set_points[:, 0]
-        commands[:, OMEGA_E] = set_points[:, 1] + sign * phase_rate
+        ahead = np.sign(set_points[:, 1]) * phase_rate
+        trial.set_motors(set_points + np.outer(ahead, (0.0, 1.0)))
         trial.advance(settle)
-        before = trial.bodies[: QUATERNION.stop].T.copy()
-        omega, airborne, lifted, track = [], [], [], [before[None]]
+        before, samples = trial.poses, []
         for k in range(2 * ROUNDS):
             change = (dither if k % 2 == 0 else -dither)[:, None] * unequal
-            commands[:, [OMEGA_D, OMEGA_E]] = set_points + change
-            samples = trial.advance(half)
-            omega.append(samples.omega.mean(axis=0))
-            airborne.append(samples.airborne_share.mean(axis=0))
-            lifted.append(samples.lifted_share.mean(axis=0))
-            track.append(np.concatenate([samples.position, samples.quaternion], axis=2))
-    motion = mean_motion(np.concatenate(track), period_s)
-    shares = np.mean(airborne, axis=0), np.mean(lifted, axis=0)
-    return np.column_stack([np.mean(omega, axis=0), motion, *shares])
+            trial.set_motors(set_points + change)
+            samples.append(trial.advance(half))
+    omega, airborne, lifted = (
+        np.mean([getattr(part, name).mean(axis=0) for part in samples], axis=0)
+        for name in ("omega", "airborne_share", "lifted_share")
+    )
+    return np.column_stack([omega, mean_motion(before, samples, period_s), airborne, lifted])
 
 
 def digest(config: CoSimConfig, motor_fmu: Path) -> str:
@@ -186,11 +173,4 @@ def calibrated(
     config = with_motor(config, motor_fmu)
     if config.robot.own_layout:
         return steered(config, find_primitives(config, motor_fmu, progress))
-    calibration = find_calibration(config, motor_fmu, progress)
-    if slower:
-        calibration.require_motion(config.robot.mu)
-        largest = min(calibration.largest(drive) for drive in DRIVES)
-        if largest < config.steering.drive_speed_m_s:
-            source = "computed: the largest speed without hopping"
-            config = config.having(source, drive_speed_m_s=largest)
-    return calibration.resolved(config)
+    return find_calibration(config, motor_fmu, progress).resolved(config, slower=slower)

@@ -22,8 +22,6 @@ from cosim.calibration.trial import Trial, mean_motion
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import MotorShares
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
-from cosim.physics.body_state import QUATERNION
 from cosim.physics.trig import normals
 from fmus.build import identity_of_fmu
 
@@ -100,13 +98,10 @@ class _Search:
     ) -> np.ndarray:
         config, period_s = self.config, self.config.timing.control_period_s
         with Trial(self._fmu, config, np.zeros(len(set_points)), seed) as trial:
-            trial.commands[:, MODE] = DIRECT
-            trial.commands[:, OMEGA_D : OMEGA_D + set_points.shape[1]] = set_points
+            trial.set_motors(set_points)
             trial.advance(round(SETTLE_S / period_s))
-            before = trial.bodies[: QUATERNION.stop].T[None].copy()
-            samples = trial.advance(round(seconds / period_s))
-        track = np.concatenate([samples.position, samples.quaternion], axis=2)
-        motion = mean_motion(np.concatenate([before, track]), period_s)
+            before, samples = trial.poses, trial.advance(round(seconds / period_s))
+        motion = mean_motion(before, [samples], period_s)
         motion[:, 2] *= self.reach_m
         return np.column_stack([motion, samples.airborne_share.mean(axis=0)])
 

@@ -27,7 +27,7 @@ from cosim.model.params import ESTIMATOR, SHIELD, TIMING
 from cosim.model.preset import PAPER
 from cosim.model.world import World
 from cosim.onboard.shield import stopping_gap
-from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D
+from cosim.onboard.steering import HOLD, MODE
 from cosim.physics.body_state import PLANE
 from cosim.physics.trig import sine_cosine, sines_cosines
 from fmus.build import identity_of_fmu
@@ -77,7 +77,6 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
         path_m, rest_s = np.zeros((2, robots, ROUNDS))
         for stop in range(ROUNDS):
             kind = rng.integers(4, size=robots)[:, None]
-            trial.commands[:, MODE] = DIRECT
             steady_s = _BOUNCING_S if config.world.restitution and stop == 0 else 0.0
             left = round((slower * rng.uniform(*_DRIVE_S) + steady_s) / period_s)
             before = trial.bodies[PLANE].T.copy()
@@ -89,7 +88,7 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
                 choices = [fast * shares[:, 0], fast * shares[:, 4], np.sign(speeds) * largest]
                 for number, chosen in enumerate(choices, 1):
                     speeds = np.where(kind == number, chosen, speeds)
-                trial.commands[:, OMEGA_D : OMEGA_D + len(shares)] = speeds
+                trial.set_motors(speeds)
                 same_s = slower * rng.uniform(0.0, _CHANGE_S) + steady_s
                 periods = min(left, 1 + round(same_s / period_s))
                 left, steady_s = left - periods, 0.0

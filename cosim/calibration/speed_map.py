@@ -125,20 +125,21 @@ class Calibration:
         end = int((curve.mean >= value).argmax()) + 1  # the first trial that is fast enough
         return float(np.interp(value, curve.mean[:end][-2:], curve.omega_rad_s[:end][-2:]))
 
-    def resolved(self, config: CoSimConfig) -> CoSimConfig:
+    def resolved(self, config: CoSimConfig, *, slower: bool = False) -> CoSimConfig:
         """The configuration with the motor speeds that realise its drive speed and turn rate.
 
         A turn rate beyond the largest becomes the largest: turning more slowly only takes longer.
+        A drive speed beyond the largest does if `slower`, and is refused otherwise.
         """
         self.require_motion(config.robot.mu)
-        steering = config.steering
+        speed_m_s, rate = config.steering.drive_speed_m_s, config.steering.turn_rate_rad_s
         largest = min(self.largest(drive) for drive in DRIVES)
-        if steering.drive_speed_m_s > largest:
+        if speed_m_s > largest and not slower:
             raise UserError(
-                f"a drive speed of {1e3 * steering.drive_speed_m_s:.3g} mm/s would make the robot "
+                f"a drive speed of {1e3 * speed_m_s:.3g} mm/s would make the robot "
                 f"hop; the largest possible is {np.floor(1e5 * largest) / 100.0:.2f} mm/s"
             )
-        forward, backward = (self.motor_speed(d, steering.drive_speed_m_s) for d in DRIVES)
+        forward, backward = (self.motor_speed(d, min(speed_m_s, largest)) for d in DRIVES)
         sides = ("left", "right")
         largest_rate = min(self.largest(side) for side in sides)
         if largest_rate < max(self.curve(side).mean[0] for side in sides):
@@ -146,12 +147,14 @@ class Calibration:
                 f"robots of diameter_m = {config.robot.diameter_m:g} hop at every motor speed that "
                 "turns them; make them larger, or change the preset, friction or motor parameters"
             )
-        rate = min(steering.turn_rate_rad_s, largest_rate)
-        turn = max(self.motor_speed(side, rate) for side in sides)
-        if rate < steering.turn_rate_rad_s:
-            config = config.having(
-                "computed: the largest turn rate without hopping", turn_rate_rad_s=rate
-            )
+        turn = max(self.motor_speed(side, min(rate, largest_rate)) for side in sides)
+        for kind, name, limit in (
+            ("speed", "drive_speed_m_s", largest),
+            ("turn rate", "turn_rate_rad_s", largest_rate),
+        ):
+            if getattr(config.steering, name) > limit:
+                source = f"computed: the largest {kind} without hopping"
+                config = config.having(source, **{name: limit})
         return config.having(
             "calibrated",
             forward_speed_rad_s=round(forward, 1),

@@ -24,6 +24,7 @@ from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import MotorParams, motors_of
 from cosim.onboard.camera import NOISE, camera_of, frames_in_flight
+from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
 from cosim.physics.body_state import QUATERNION, standing_state
 from cosim.physics.draws import draw_world
 from cosim.physics.lanes import host_lanes
@@ -101,6 +102,17 @@ class Trial:
         self._motors.close()
 
     @property
+    def poses(self) -> np.ndarray:
+        """Positions and quaternions now, (N, 7)."""
+        return self.bodies[: QUATERNION.stop].T.copy()
+
+    @property
+    def omega(self) -> np.ndarray:
+        """Motor speeds now in rad/s, (N, M)."""
+        motors = self._sizes[0]
+        return self._state.outputs[motors : 2 * motors, : len(self.origins_m)].T.copy()
+
+    @property
     def time_s(self) -> float:
         """Simulated time in s."""
         return self._tick * self._config.timing.dt_s
@@ -113,6 +125,11 @@ class Trial:
     def ticks(self, count: int) -> RawSamples:
         """Return room for the signals of `count` ticks, see `advance`."""
         return new_raw_samples(count, self._state.bodies.shape[1], *self._sizes)
+
+    def set_motors(self, set_points: np.ndarray) -> None:
+        """Command set points of the motors in rad/s, (N, M), or (M,) for all robots."""
+        self.commands[:, MODE] = DIRECT
+        self.commands[:, OMEGA_D : OMEGA_D + self._sizes[0]] = set_points
 
     def advance(self, periods: int, ticks: RawSamples | None = None) -> Samples:
         """Simulate some control periods, and return the samples at their ends.
@@ -162,11 +179,15 @@ def corners(config: CoSimConfig, origins_m: np.ndarray, rng: np.random.Generator
     return patches
 
 
-def mean_motion(poses: np.ndarray, period_s: float) -> np.ndarray:
+def mean_motion(before: np.ndarray, samples: Sequence[Samples], period_s: float) -> np.ndarray:
     """Return mean speeds ahead and to the left in m/s and mean yaw rates in rad/s, (N, 3).
 
-    `poses` are (n + 1, N, 7) positions and quaternions before n control periods and at their ends.
+    Args:
+        before: (N, 7) positions and quaternions at the start, as in `Trial.poses`.
+        samples: of control periods, in order.
     """
+    track = [np.concatenate([part.position, part.quaternion], axis=2) for part in samples]
+    poses = np.concatenate([before[None], *track])
     angles = heading_angles(poses[:, :, QUATERNION])
     moved, middle = np.diff(poses[:, :, :2], axis=0), 0.5 * (angles[1:] + angles[:-1])
     s, c = sines_cosines(middle)

@@ -1,9 +1,9 @@
 """Tables I and II of the paper and everything assumed: the only physical literals of the project.
 
-Every field carries its range as a type, and its unit, source and description as a `Quantity`;
-`describe` lists these for help texts, recordings and the FMU's variable table. Derived
-quantities are functions.
-SI units and radians throughout. Records are NamedTuples because numba kernels read them.
+Every field of a configuration has its range as a type, and its unit, source and description as a
+`Quantity`; `describe` lists these for help texts, recordings and the FMU's variable table. Derived
+quantities are functions. SI units and radians throughout. Records are NamedTuples because numba
+kernels read them.
 """
 
 import math
@@ -326,28 +326,19 @@ class ShieldParams(NamedTuple):
 class Fig3Params(NamedTuple):
     """1-DOF platform that gives the motion printed in Fig. 3; the paper states none of these."""
 
-    M: Annotated[float, Quantity("kg", "Table I", "platform mass")] = 0.1
-    m: Annotated[
-        float,
-        Quantity("kg", "assumed: its weight keeps the platform on the floor", "eccentric mass"),
-    ] = 0.002
-    r: Annotated[
-        float, Quantity("m", "assumed: 9.9 m/s² on the platform at that speed", "eccentricity")
-    ] = 0.0109
-    mu: Annotated[float, Quantity("1", "assumed: read off Fig. 3", "Coulomb friction")] = 0.5
-    omega: Annotated[
-        float, Quantity("rad/s", "assumed: read off Fig. 3, 29.5 ms per turn", "motor speed")
-    ] = 213.0
+    M: float = 0.1  # kg, Table I: platform mass
+    m: float = 0.002  # kg, eccentric mass; assumed: its weight keeps the platform on the floor
+    r: float = 0.0109  # m, eccentricity; assumed: 9.9 m/s² on the platform at that speed
+    mu: float = 0.5  # Coulomb friction; assumed: read off Fig. 3
+    omega: float = 213.0  # rad/s, motor speed; assumed: read off Fig. 3, 29.5 ms per turn
 
 
 class Fig7Params(NamedTuple):
     """Operating point of Fig. 7 (open- and closed-loop response of one motor)."""
 
-    omega_des: Annotated[float, Quantity("rad/s", "Table II", "desired rotational speed")] = 700.0
-    d: Annotated[float, Quantity("N.m", "Table II", "disturbance torque")] = 1e-6
-    open_loop_V: Annotated[
-        float, Quantity("V", "assumed: gives 700 rad/s without d", "open-loop voltage")
-    ] = 0.709
+    omega_des: float = 700.0  # rad/s, Table II: desired rotational speed
+    d: float = 1e-6  # N m, Table II: disturbance torque
+    open_loop_V: float = 0.709  # V, open-loop voltage; assumed: gives 700 rad/s without d
 
 
 TABLE_II = MotorParams()

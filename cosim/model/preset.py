@@ -32,7 +32,6 @@ from cosim.model.params import (
     Foot,
     MotorParams,
     Mount,
-    Place,
     RobotParams,
     lift_off_speed,
 )
@@ -50,7 +49,6 @@ FIELDS = {
 }
 _SIZE = ("diameter_m", "foot_radius_m", "motor_radius_m", "motors", "feet")
 PLANE_M = 1e-6  # heights of feet that differ by less are one: see docs/physics.md
-_FAR_M = 10.0
 _USUAL = TABLE_II._asdict()
 _FOLDER = Path(__file__).parent
 _FILE = Kind("preset file", "check the path")
@@ -108,29 +106,23 @@ class Preset(NamedTuple):
 
     def save(self, path: str | Path) -> None:
         """Write a file that `find_preset` reads: what the machine states, with sources."""
-        lines = [f"source = {_text(self.source)}"]
+        lines = [f"source = {_value(self.source)}"]
         own = {name: leaf for name, leaf in self.tree.items() if name not in ("motors", "feet")}
         for table, fields in FIELDS.items():
             names = {field: parameter_name(table, field) for field in fields}
             stated = {field: own[name] for field, name in names.items() if name in own}
-            if not stated:
-                continue
-            common = table == "motor" and "motors" in self.tree
-            if not common:
-                lines += ["", f"[{table}]", *(f"{n} = {_value(v)}" for n, (v, _) in stated.items())]
-                texts = (f"{name} = {_text(text)}" for name, (_, text) in stated.items())
-                lines += ["", f"[{table}.source]", *texts]
-        mounts, of_motors = self.tree.get("motors", ((), ""))
+            if stated and not (table == "motor" and "motors" in self.tree):
+                lines += _table(f"[{table}]", {n: value for n, (value, _) in stated.items()})
+                lines += _table(f"[{table}.source]", {n: text for n, (_, text) in stated.items()})
+        mounts, source = self.tree.get("motors", ((), ""))
+        common = {n: v for n, (v, _) in own.items() if n in FIELDS["motor"]}
         for mount in mounts:
-            values = {n: v for n, (v, _) in own.items() if n in FIELDS["motor"]} | dict(mount.own)
-            values = {"place_m": mount.place_m, "axis": mount.axis, **values}
-            lines += ["", "[[motor]]", f"source = {_text(of_motors)}"]
-            lines += [f"{name} = {_value(value)}" for name, value in values.items()]
-        feet, of_feet = self.tree.get("feet", ((), ""))
+            where = {"source": source, "place_m": mount.place_m, "axis": mount.axis}
+            lines += _table("[[motor]]", where | common | dict(mount.own))
+        feet, source = self.tree.get("feet", ((), ""))
         for foot in feet:
-            lines += ["", "[[foot]]", f"source = {_text(of_feet)}"]
-            lines += [f"place_m = {_value((foot.x_m, foot.y_m))}"]
-            lines += [] if foot.mu is None else [f"mu = {_value(foot.mu)}"]
+            mu = {} if foot.mu is None else {"mu": foot.mu}
+            lines += _table("[[foot]]", {"source": source, "place_m": (foot.x_m, foot.y_m)} | mu)
         with replacing(require_suffix(path, ".toml")) as temporary:
             temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -161,6 +153,7 @@ def find_preset(name_or_path: str | Path | Preset) -> Preset:
 
 
 _Component = dict[str, Any]
+_Near = Annotated[float, Meta(ge=-10.0, le=10.0)]  # in m: larger numbers have another unit
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
@@ -173,12 +166,12 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _Motor(msgspec.Struct, forbid_unknown_fields=True):
-    place_m: Place
-    axis: Place
+    place_m: tuple[_Near, _Near, _Near]
+    axis: tuple[_Near, _Near, _Near]
 
 
 class _Foot(msgspec.Struct, forbid_unknown_fields=True):
-    place_m: Annotated[list[float], Meta(min_length=2, max_length=3)]
+    place_m: Annotated[list[_Near], Meta(min_length=2, max_length=3)]
     mu: Amount | None = None
 
 
@@ -215,16 +208,15 @@ def _motors(tables: list[_Component]) -> tuple[_Component, tuple[Any, str]]:
     for k, table in enumerate(tables):
         where = f"motor[{k}]."
         require_names(where, table, ("place_m", "axis", *MotorParams._fields))
-        own = {n: table.pop(n) for n in MotorParams._fields if n in table}
-        place = validate_argument(where.rstrip("."), table, _Motor)
-        for value in (*place.place_m, *place.axis):
-            _require_near(where, value)
+        own = [table.pop(name, usual) for name, usual in _USUAL.items()]
+        values = validate_argument(f"motor[{k}]", own, MotorParams)._asdict()
+        place = validate_argument(f"motor[{k}]", table, _Motor)
         length = math.hypot(*place.axis)
         if length < 1e-6:
             raise UserError(f"{where}axis = {list(place.axis)} has no length; give a direction")
         length = 1.0 if abs(length - 1.0) < 1e-12 else length  # a file of ours keeps its bits
         x, y, z = (value / length for value in place.axis)
-        differs = {n: v for n, v in {**_USUAL, **own}.items() if v != {**_USUAL, **common}[n]}
+        differs = {n: v for n, v in values.items() if v != {**_USUAL, **common}[n]}
         found.append(Mount(place.place_m, (x, y, z), tuple(differs.items())))
     return common | {"source": sources[0] or "preset"}, (tuple(found), _joined(sources))
 
@@ -233,9 +225,6 @@ def _feet(tables: list[_Component]) -> tuple[Any, str]:
     sources = [str(table.pop("source", "")) for table in tables]
     feet = [validate_argument(f"foot[{k}]", table, _Foot) for k, table in enumerate(tables)]
     heights = [foot.place_m[2] if len(foot.place_m) == 3 else 0.0 for foot in feet]
-    for foot in feet:
-        for value in foot.place_m:
-            _require_near("foot.place_m", value)
     if max(heights) - min(heights) > PLANE_M or abs(heights[0]) > PLANE_M:
         raise UserError(
             f"feet stand {1e6 * min(heights):g} to {1e6 * max(heights):g} µm above the floor; all "
@@ -245,22 +234,19 @@ def _feet(tables: list[_Component]) -> tuple[Any, str]:
     return places, _joined(sources)
 
 
-def _require_near(where: str, value: float) -> None:
-    if not abs(value) <= _FAR_M:
-        raise UserError(f"{where} has {value:g}; give numbers of at most {_FAR_M:g} (SI units)")
-
-
 def _joined(sources: list[str]) -> str:
     return "; ".join(dict.fromkeys(filter(None, sources))) or "the machine's file"
 
 
+def _table(heading: str, values: Mapping[str, Any]) -> list[str]:
+    """Lines of a table as TOML has it."""
+    return ["", heading, *(f"{name} = {_value(value)}" for name, value in values.items())]
+
+
 def _value(value: Any) -> str:
-    """A number, or numbers, as TOML has them."""
+    """A text, a number, or numbers as TOML has them; texts are as in JSON."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(map(_value, value))}]"
     return repr(float(value))
-
-
-def _text(text: str) -> str:
-    """A text as TOML has it, which is as JSON has it."""
-    return json.dumps(text, ensure_ascii=False)

@@ -18,7 +18,6 @@ from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import mounts_of
 from cosim.model.preset import find_preset
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
 from cosim.physics.contact import feet_of
 from cosim.physics.rotation import headings
 from docs.examples.draw_machine import machine
@@ -32,11 +31,9 @@ def driven(config: CoSimConfig, fmu: Path) -> np.ndarray:
     """Return x and y in m and the heading in rad along the legs, (n, 3)."""
     steering, track = config.steering, []
     with Trial(MotorFmu(fmu), config, np.zeros(1), np.random.SeedSequence(0)) as trial:
-        trial.commands[:, MODE] = DIRECT
         for name, seconds in LEGS:
             shares = np.array([getattr(own, name) for own in steering.shares])
-            speeds = getattr(steering, SPEEDS[name]) * shares
-            trial.commands[0, OMEGA_D : OMEGA_D + len(speeds)] = speeds
+            trial.set_motors(getattr(steering, SPEEDS[name]) * shares)
             samples = trial.advance(round(seconds / config.timing.control_period_s))
             places = samples.position[:, 0, :2] - trial.origins_m[0]
             track.append(np.column_stack([places, headings(samples.quaternion[:, 0])]))

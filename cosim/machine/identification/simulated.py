@@ -5,7 +5,7 @@ a mass, feet and motors of its own. Only their numbers, and the places of motors
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined, kernel, unrolled
-from cosim.coupling.assembly import Motors, SpeedNoise
+from cosim.calibration.trial import Trial
 from cosim.fmi.motor import MotorFmu
 from cosim.machine.identification.track import SeenTrack
 from cosim.model.config import CoSimConfig
@@ -25,7 +25,6 @@ from cosim.model.params import (
     motor_names,
     motors_of,
     mounts_of,
-    open_loop_voltage,
 )
 from cosim.physics.body import stepped
 from cosim.physics.body_state import (
@@ -52,6 +51,7 @@ from cosim.physics.properties import (
 from cosim.physics.rotation import Vector, heading, rotation_matrix
 
 LOOKS_S = 0.005  # between simulated poses, which are interpolated
+MOST_PERIODS = 5000  # of a trial at once, whose samples take memory
 REPEATS, WINDOW_S = 8, 5.0  # of simulations with other noise, and over which they drift apart
 
 
@@ -218,42 +218,33 @@ class Simulated:
 def simulated_drive(track: SeenTrack, config: CoSimConfig, fmu: Path) -> Simulated:
     """Return simulations of what a track was driven with."""
     set_points = track.set_points(config.timing.control_period_s)
+    quiet = replace(config, noise=config.noise._replace(relative_amplitude=0.0))
     speeds, smooth = (
-        motor_speeds(set_points, MotorFmu(fmu), config, seed)
-        for seed in (np.random.SeedSequence(0), None)
+        motor_speeds(set_points, MotorFmu(fmu), each, np.random.SeedSequence(0))
+        for each in (config, quiet)
     )
     return Simulated(speeds, smooth, track.times, config)
 
 
 def motor_speeds(
-    set_points: np.ndarray, fmu: MotorFmu, config: CoSimConfig, seed: np.random.SeedSequence | None
+    set_points: np.ndarray, fmu: MotorFmu, config: CoSimConfig, seed: np.random.SeedSequence
 ) -> np.ndarray:
     """Speeds (P + 1, M) of motors in rad/s from their start to the ends of control periods.
 
     Args:
         set_points: (P, M) in rad/s, of every control period.
     """
-    ticks, dt_s = config.ticks_per_period, config.timing.dt_s
-    count = config.robot.motors_count
-    noise = np.zeros((len(set_points), 1, count))
-    if seed is not None:
-        noise = SpeedNoise(config, seed, 1).draw(len(set_points))
-    own = open_loop_voltage(config.motor) if config.voltage_driven else (1.0, 0.0)
-    wanted = own[0] * set_points + own[1] * np.sign(set_points)
-    speeds = np.zeros((len(set_points) + 1, count))
-    inputs, outputs = np.zeros((3 * count, 1)), np.zeros((3 * count, 1))
-    motors = Motors(fmu, config, 1)
-    speeds[0] = motors.restart([0], (motors_of(config.robot, config.motor),))[count:, 0]
-    try:
-        for period, set_point in enumerate(set_points):
-            inputs[: 2 * count, 0] = *wanted[period], *(noise[period, 0] * abs(set_point))
-            motors.set_inputs(inputs, dt_s)
-            motors.step(ticks, dt_s)
-            motors.get_outputs(outputs, dt_s)
-            speeds[period + 1] = outputs[count : 2 * count, 0]
-    finally:
-        motors.close()
-    return speeds
+    if config.steering.pulse_s:  # a robot is identified without pulses (docs/own.md)
+        steering = config.steering._replace(pulse_s=0.0)
+        config = replace(config, steering=steering, open_loop=("motors",))
+    changes = np.flatnonzero(np.diff(set_points, axis=0).any(axis=1)) + 1
+    cuts = np.union1d(changes, np.arange(MOST_PERIODS, len(set_points), MOST_PERIODS))
+    with Trial(fmu, config, np.zeros(1), seed) as trial:
+        speeds = [trial.omega]
+        for part in np.split(set_points, cuts):
+            trial.set_motors(part[0])
+            speeds.append(trial.advance(len(part)).omega[:, 0])
+    return np.concatenate(speeds)
 
 
 def tracks(

@@ -13,7 +13,6 @@ from cosim.fmi.motor import MotorFmu
 from cosim.machine.platform.motion import drift_speed, lift_off_speed, robot_platform, sensitivities
 from cosim.machine.validation.published import Legs
 from cosim.model.config import CoSimConfig
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.physics.body_state import PLANE, QUATERNION
 
 _PHASE_S = 0.5  # in which motors come to their speed and to the phase between them
@@ -96,7 +95,7 @@ def closed_form(config: CoSimConfig, omega_rad_s: float) -> dict[str, float]:
 
 
 def drive_by_the_clock(
-    config: CoSimConfig, fmu: MotorFmu, legs: Legs, robots: int, seed: int, *, dithered: bool
+    config: CoSimConfig, fmu: MotorFmu, legs: Legs, robots: int, seed: int, dithered: bool
 ) -> np.ndarray:
     """Displacement (robots, 3) in m, x along the first heading, and turned angle in rad.
 
@@ -118,11 +117,10 @@ def drive_by_the_clock(
         angles = [trial.bodies[QUATERNION].T.copy()]
 
         def advance(set_points: np.ndarray, periods: int) -> None:
-            trial.commands[:, [OMEGA_D, OMEGA_E]] = set_points
+            trial.set_motors(set_points)
             trial.advance(periods)
             angles.append(trial.bodies[QUATERNION].T.copy())
 
-        trial.commands[:, MODE] = DIRECT
         ahead = np.outer(phase_rad / _PHASE_S, (0.0, 1.0))
         ahead_periods, side = round(_PHASE_S / period_s), 1.0
         for manoeuvre, amount in legs:

@@ -9,26 +9,16 @@ found; how fast the simulated robot then turns is a prediction.
 import itertools
 import math
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 from matplotlib.figure import Figure
 
 from cosim.base.plotting import BLUE, VERMILION, styled
-from cosim.base.progress import Progress, silent
-from cosim.base.provenance import digest_of
-from cosim.base.storage import cache_dir, cached, write_json
 from cosim.calibration.trial import Trial, mean_motion
 from cosim.fmi.motor import MotorFmu
-from cosim.model.preset import find_preset
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
-from cosim.physics.body_state import QUATERNION
-from fmus.build import identity_of_fmu
-
-VERSION = 3  # of simulated motions: raise it when their bits change
+from cosim.model.config import CoSimConfig
 
 MEASURED = Path(__file__).with_name("droplets.csv")
 MEASURED_S = 30.0
@@ -84,9 +74,8 @@ def measured() -> Motion:
     return Motion(1e-3 * table[:, 1], 1e-3 * table[:, 2], turn)
 
 
-def simulated(variant: Variant, fmu: MotorFmu) -> Motion:
-    """Motions over UNBALANCES_KG_M."""
-    config = find_preset("droplet").config()
+def simulated(config: CoSimConfig, fmu: MotorFmu, variant: Variant) -> Motion:
+    """Motions of a Droplet over UNBALANCES_KG_M."""
     config = config.having("varied", **variant._asdict() | {"spin_up_s": None})
     motor = config.motor
     inertia = variant.spin_up_s * motor.K_T**2 / motor.R
@@ -96,14 +85,11 @@ def simulated(variant: Variant, fmu: MotorFmu) -> Motion:
     with Trial(
         fmu, config, np.zeros(robots), np.random.SeedSequence(0), [(own,) * 3 for own in motors]
     ) as trial:
-        trial.commands[:, MODE] = DIRECT
-        ways = np.tile(WAYS, (len(UNBALANCES_KG_M), 1))
-        trial.commands[:, OMEGA_D : OMEGA_D + 3] = config.top_speed_rad_s * ways
+        trial.set_motors(config.top_speed_rad_s * np.tile(WAYS, (len(UNBALANCES_KG_M), 1)))
         trial.advance(round(4.0 * cycle_s / period_s))
-        before = trial.bodies[: QUATERNION.stop].T[None].copy()
+        before = trial.poses
         samples = trial.advance(round(math.ceil(DRIVEN_S / cycle_s) * cycle_s / period_s))
-    track = np.concatenate([samples.position, samples.quaternion], axis=2)
-    motion = mean_motion(np.concatenate([before, track]), period_s).reshape(-1, len(WAYS), 3)
+    motion = mean_motion(before, [samples], period_s).reshape(-1, len(WAYS), 3)
     forward, backward = np.hypot(motion[:, :2, 0], motion[:, :2, 1]).T
     return Motion(forward, backward, np.abs(motion[:, 2:, 2]).mean(axis=1))
 
@@ -184,32 +170,6 @@ def robot_rows(found: Motion) -> Iterator[dict[str, Any]]:
     for number, values in enumerate(table.tolist(), 1):
         known = (None if math.isnan(value) else value for value in values)
         yield {"robot": number, **dict(zip(names, known, strict=True))}
-
-
-def droplets(
-    motor_fmu: Path, *, quick: bool = False, progress: Progress = silent
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Rows of the variants, the measured one first, and of the robots in the one SHOWN."""
-    variants = [SHOWN] if quick else list(VARIANTS)
-    fmu, config = MotorFmu(motor_fmu), find_preset("droplet").config()
-
-    def motion(variant: Variant) -> Motion:
-        key = digest_of(config.unsourced, variant, identity_of_fmu(motor_fmu), VERSION)
-        found = cached(
-            cache_dir("validation") / f"{key}.json",
-            lambda path: msgspec.json.decode(path.read_bytes(), type=list[list[float]]),
-            lambda: [row.tolist() for row in simulated(variant, fmu)],
-            lambda rows, path: write_json(path, rows),
-        )
-        return Motion(*map(np.array, found))
-
-    found = {}
-    with ThreadPoolExecutor() as threads:
-        for variant, result in zip(variants, threads.map(motion, variants), strict=True):
-            found[variant] = result
-            progress("simulating Droplets", len(found), len(variants))
-    rows = [measured_row(), *(variant_row(*pair) for pair in found.items())]
-    return rows, list(robot_rows(found[SHOWN]))
 
 
 @styled

@@ -47,7 +47,7 @@ def report_of(
     Args:
         slopes: d ln v / d ln p by the parameter, simulated and in closed form.
         paths: published; whether motors had the steering's dither; and of each robot displacement
-            in m and turned angle in rad, over what was intended.
+            in m and turned angle in rad.
     """
     rows = tuple(_speed_row(*pair) for pair in speeds.items())
     return ValidationReport(
@@ -134,7 +134,7 @@ def _sensitivity_rows(
 
 
 def _path_row(path: PublishedPath, dithered: bool, driven: list[list[float]]) -> Row:
-    ends = np.array(driven)
+    ends = np.array(driven) - path.meant
     off_mm = 1e3 * np.hypot(ends[:, 0], ends[:, 1])
     turned = np.degrees(ends[:, 2])
     return {

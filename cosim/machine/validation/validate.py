@@ -4,9 +4,10 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
+import numpy as np
 
 from cosim.base.jobs import JobKind, Workers, run
 from cosim.base.progress import Progress, silent
@@ -22,14 +23,22 @@ from cosim.machine.validation.driving import (
     measured_sensitivities,
     measured_speed,
 )
-from cosim.machine.validation.droplets import droplets
-from cosim.machine.validation.published import PATHS, SPEEDS, PublishedPath, PublishedSpeed
+from cosim.machine.validation.droplets import (
+    SHOWN,
+    VARIANTS,
+    Motion,
+    measured_row,
+    robot_rows,
+    simulated,
+    variant_row,
+)
+from cosim.machine.validation.published import PATHS, SPEEDS
 from cosim.machine.validation.report import ValidationReport, report_of
 from cosim.model.config import CoSimConfig
 from cosim.model.preset import PAPER, find_preset
 from fmus.build import identity_of_fmu
 
-VERSION = 2  # of measurements: raise it when their bits change
+VERSION = 3  # of measurements: raise it when their bits change
 
 _FILE = Kind("kept measurement", "measure it again")
 
@@ -41,33 +50,21 @@ FULL, QUICK = 8, 2  # phases between the motors of each speed, and robots that d
 class Measurement:
     """A measurement as a job."""
 
-    # A speed, its slopes, or the ends of a path by the clock
-    what: Literal["speed", "slopes", "ends"]
+    measure: Callable[..., Any]  # of the configuration, the FMU and the arguments
     config: CoSimConfig
     fmu: Path
-    of: PublishedSpeed | PublishedPath
-    count: int  # phases between the motors, or robots
-    dithered: bool = False  # whether motors have the steering's dither, on a path
-    seed: int = 0  # of noise and phases, on a path
+    arguments: tuple[Any, ...]
 
     @property
     def key(self) -> tuple[str, None]:
         """Hash of what decides the result: equal measurements have one."""
-        parts = self.what, self.config.unsourced, self.of, self.count, self.dithered, self.seed
+        parts = self.measure.__name__, self.config.unsourced, self.arguments
         return digest_of(*parts, identity_of_fmu(self.fmu), VERSION), None
 
-    def measure(self) -> Any:
+    def result(self) -> Any:
         """Return the result as JSON has it."""
-        of, fmu = self.of, MotorFmu(self.fmu)
-        if isinstance(of, PublishedPath):
-            ends = drive_by_the_clock(
-                self.config, fmu, of.legs, self.count, self.seed, dithered=self.dithered
-            )
-            return (ends - of.meant).tolist()
-        if self.what == "slopes":
-            return measured_sensitivities(self.config, fmu, of.omega_rad_s, self.count)
-        found = measured_speed(self.config, fmu, of.manoeuvre, of.omega_rad_s, self.count)
-        return msgspec.to_builtins(found)
+        found = self.measure(self.config, MotorFmu(self.fmu), *self.arguments)
+        return msgspec.to_builtins(found, enc_hook=np.ndarray.tolist)
 
 
 class _Cache:
@@ -92,7 +89,7 @@ def _measured(
     jobs: Sequence[Measurement], threads: int, may_begin: Callable[[], bool]
 ) -> Iterator[tuple[Measurement, Any]]:
     with ThreadPoolExecutor(threads) as pool:
-        begun = {pool.submit(job.measure): job for job in jobs if may_begin()}
+        begun = {pool.submit(job.result): job for job in jobs if may_begin()}
         try:
             for ended in as_completed(begun):
                 yield begun[ended], ended.result()
@@ -116,21 +113,34 @@ def validate(
         for name in {p.preset for p in SPEEDS}
     }
     driving = calibrated(configs[PAPER], motor_fmu, progress)
-    speeds = {p: Measurement("speed", configs[p.preset], motor_fmu, p, count) for p in SPEEDS}
+    speeds = {
+        p: Measurement(
+            measured_speed, configs[p.preset], motor_fmu, (p.manoeuvre, p.omega_rad_s, count)
+        )
+        for p in SPEEDS
+    }
     slopes = {
-        p: replace(job, what="slopes")
+        p: replace(job, measure=measured_sensitivities, arguments=(p.omega_rad_s, count))
         for p, job in speeds.items()
         if p.preset == "icra2006" and p.value is not None
     }
     paths = {
-        (path, dithered): Measurement("ends", driving, motor_fmu, path, count, dithered, seed)
+        (path, dithered): Measurement(
+            drive_by_the_clock, driving, motor_fmu, (path.legs, count, seed, dithered)
+        )
         for path in PATHS
         for dithered in (True, False)
     }
-    store, jobs = _Cache(), [*speeds.values(), *slopes.values(), *paths.values()]
+    droplet = find_preset("droplet").config()
+    variants = {
+        variant: Measurement(simulated, droplet, motor_fmu, (variant,))
+        for variant in (VARIANTS if count >= FULL else (SHOWN,))
+    }
+    jobs = [*speeds.values(), *slopes.values(), *paths.values(), *variants.values()]
+    store = _Cache()
     for _ in run(jobs, store, MEASUREMENTS, where, progress=progress, task="measuring"):
         pass
-    variants, robots = droplets(motor_fmu, quick=count < FULL, progress=progress)
+    motions = {v: Motion(*map(np.array, store.find(job))) for v, job in variants.items()}
     report = report_of(
         {p: MeasuredSpeed(*store.find(job)) for p, job in speeds.items()},
         {p: (store.find(job), closed_form(job.config, p.omega_rad_s)) for p, job in slopes.items()},
@@ -138,4 +148,6 @@ def validate(
         count,
         seed,
     )
-    return msgspec.structs.replace(report, droplets=tuple(variants), robots=tuple(robots))
+    rows = measured_row(), *(variant_row(*pair) for pair in motions.items())
+    robots = tuple(robot_rows(motions[SHOWN]))
+    return msgspec.structs.replace(report, droplets=rows, robots=robots)

@@ -14,7 +14,6 @@ from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING, TABLE_I, TABLE_II, TIMING
 from cosim.model.world import World
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 
 
 @pytest.fixture(scope="module")
@@ -62,13 +61,11 @@ def test_motor_speeds_realise_a_motion(calibration, motor_fmu, manoeuvre, speed_
     sign = -1.0 if speed_mm_s == 0.0 else 1.0
     dither = STEERING.dither_rad_s if d + e == 0.0 or speed_mm_s == 0.0 else 0.0
     with Trial(MotorFmu(motor_fmu), CoSimConfig(), np.zeros(3), np.random.SeedSequence(9)) as trial:
-        commands = trial.commands
-        commands[:, MODE] = DIRECT
-        commands[:, [OMEGA_D, OMEGA_E]] = d, e
+        trial.set_motors(np.array([d, e]))
         trial.advance(2000)
         poses = []
         for change in (dither, -dither) * 2:
-            commands[:, [OMEGA_D, OMEGA_E]] = d + sign * change, e + change
+            trial.set_motors(np.array([d + sign * change, e + change]))
             samples = trial.advance(157)
             poses.append(np.concatenate([samples.position, samples.quaternion], axis=2))
     pose = np.concatenate(poses)

@@ -24,7 +24,6 @@ from cosim.model.params import (
     mounts_of,
 )
 from cosim.model.preset import find_preset
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
 from cosim.physics.body_state import (
     NORMALS,
     QUATERNION,
@@ -176,15 +175,10 @@ def silent(config: CoSimConfig) -> CoSimConfig:
 
 def driven(config: CoSimConfig, set_points: list[Any], seconds: float, fmu: MotorFmu) -> Trial:
     with Trial(fmu, config, np.zeros(len(set_points)), np.random.SeedSequence(0)) as trial:
-        trial.commands[:, MODE] = DIRECT
-        speeds = np.array(set_points, dtype=float)
-        trial.commands[:, OMEGA_D : OMEGA_D + speeds.shape[1]] = speeds
-        before = trial.bodies.T.copy()
+        trial.set_motors(np.array(set_points))
+        before = trial.poses
         samples = trial.advance(round(seconds / config.timing.control_period_s))
-        track = np.concatenate([samples.position, samples.quaternion], axis=2)
-        trial.motion = mean_motion(  # type: ignore[attr-defined]
-            np.concatenate([before[None, :, : QUATERNION.stop], track]), 1e-3
-        )
+        trial.motion = mean_motion(before, [samples], 1e-3)  # type: ignore[attr-defined]
     return trial
 
 

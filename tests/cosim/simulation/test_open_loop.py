@@ -12,7 +12,6 @@ from cosim.fmi.fmu import FmuError
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig, Loop
 from cosim.model.preset import find_preset
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D, OMEGA_E
 from cosim.simulation.options import SimulationOptions
 from tests.references.lines import drive_line
 
@@ -23,8 +22,7 @@ OPEN_LOOPS: tuple[tuple[Loop, ...], ...] = ((), ("heading",))
 def samples(motor_fmu, **options):
     config = CoSimConfig(**options)
     with Trial(MotorFmu(motor_fmu), config, np.zeros(1), np.random.SeedSequence(0)) as trial:
-        trial.commands[:, MODE] = DIRECT
-        trial.commands[:, [OMEGA_D, OMEGA_E]] = -SPEED, SPEED
+        trial.set_motors(np.array([-SPEED, SPEED]))
         trial.advance(1000)
         return trial.advance(300)
 

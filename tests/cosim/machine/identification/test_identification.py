@@ -39,7 +39,6 @@ from cosim.model.params import TABLE_I, TABLE_II
 from cosim.model.preset import find_preset
 from cosim.model.world import Sensor
 from cosim.onboard.camera import draw_sight
-from cosim.onboard.steering import DIRECT, MODE, OMEGA_D
 from cosim.physics.body_state import standing_state
 from cosim.physics.mass import mass_of
 from docs.examples.draw_machine import machine as drawn
@@ -284,10 +283,9 @@ def observed(
     config, seed = replace(config, robot=robot), np.random.SeedSequence(4)
     period_s = config.timing.control_period_s
     with Trial(MotorFmu(cached_fmu()), config, np.zeros(1), seed, motors=[motors]) as trial:
-        trial.commands[:, MODE] = DIRECT
         places, turned = [trial.bodies[:2].T - trial.origins_m], [trial.bodies[3:7].T.copy()]
         for set_points in sequence:
-            trial.commands[:, OMEGA_D : OMEGA_D + len(set_points)] = set_points
+            trial.set_motors(np.array(set_points))
             samples = trial.advance(round(HOLD_S / period_s))
             places.append(samples.position[:, 0, :2] - trial.origins_m)
             turned.append(samples.quaternion[:, 0])

@@ -16,6 +16,7 @@ from cosim.machine.validation.droplets import (
     simulated,
     variant_row,
 )
+from cosim.model.preset import find_preset
 
 # Simulated robots that drive by their unbalance, and turn by what they drive.
 DRIVE_M_S = np.linspace(0.5e-3, 7e-3, len(UNBALANCES_KG_M))
@@ -53,5 +54,6 @@ def test_speeds_out_of_reach_predict_nothing():
 @pytest.mark.slow
 def test_turning_is_within_the_range_of_real_robots(motor_fmu):
     """The row of docs/validation.md."""
-    row = variant_row(SHOWN, simulated(SHOWN, MotorFmu(motor_fmu)))
+    config = find_preset("droplet").config()
+    row = variant_row(SHOWN, simulated(config, MotorFmu(motor_fmu), SHOWN))
     assert row["drive_over_turn_mm_rad"] == pytest.approx(17.7, abs=0.3)

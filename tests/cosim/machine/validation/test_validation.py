@@ -67,11 +67,11 @@ def made_up() -> ValidationReport:
     slopes: dict[str, float | None] = dict.fromkeys((*PARAMETERS, "motor speed"), 2.0)
     slopes |= {"mu": -1.0, "mass_kg": 0.5}
     points = [p for p in SPEEDS if p.preset == "icra2006" and p.value is not None]
-    ends = [[3e-3, 4e-3, 0.1]] * 2
+    off = np.array([[3e-3, 4e-3, 0.1]] * 2)
     return report_of(
         speeds,
         {p: (slopes, {"mu": -3.0}) for p in points},
-        [(path, True, ends) for path in PATHS],
+        [(path, True, (path.meant + off).tolist()) for path in PATHS],
         QUICK,
         seed=0,
     )
@@ -107,6 +107,7 @@ def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, comm
     """The whole command on one speed and one small path, twice."""
     monkeypatch.setattr(measurement, "SPEEDS", (SPEEDS[-1],))
     monkeypatch.setattr(measurement, "PATHS", (polygon(3, 1.0, (1.0,), None),))
+    monkeypatch.setattr(measurement, "VERSION", str(tmp_path))  # of which nothing is kept yet
     counts: list[float] = []
 
     def told(task: str, done: float, total: float | None, state: str = "") -> None:
@@ -118,8 +119,7 @@ def test_what_was_measured_is_found_again(motor_fmu, monkeypatch, tmp_path, comm
     def refused(*_: object, **__: object):
         raise AssertionError("measured again")
 
-    monkeypatch.setattr(measurement, "measured_speed", refused)
-    monkeypatch.setattr(measurement, "drive_by_the_clock", refused)
+    monkeypatch.setattr(measurement.Measurement, "result", refused)
     fmu = ("--motor-fmu", motor_fmu)
     done = command("validate", "--quick", "--json", "--out", tmp_path, *fmu)
     assert done.returncode == 0, done.stderr
