@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -60,6 +60,9 @@ class GridReport(Report, frozen=True, kw_only=True):
             show_texts(header, rows)
 
 
+Kind = TypeVar("Kind", bound=GridReport)
+
+
 def grid_row(name: str, policy: GreedyPolicy) -> Row:
     """Evaluate a policy from all starts, or a sample of them."""
     result = policy.evaluate()
@@ -108,8 +111,10 @@ def policy_files(given: Iterable[Any]) -> list[Any]:
     return found
 
 
-def report_of(policies: Iterable[tuple[str, GreedyPolicy]]) -> GridReport:
-    """Evaluate policies by name."""
+def report_of(
+    policies: Iterable[tuple[str, GreedyPolicy]], kind: type[Kind] = GridReport, **more: Any
+) -> Kind:
+    """Evaluate policies by name; return a report of a kind, with what `more` it has."""
     rows = tuple(grid_row(name, policy) for name, policy in policies)
     over_policies: dict[str, dict[str, Statistics]] = {}
     for scenario in dict.fromkeys(row.scenario for row in rows):
@@ -120,7 +125,7 @@ def report_of(policies: Iterable[tuple[str, GreedyPolicy]]) -> GridReport:
             )
             for name in _MEASURES
         }
-    return GridReport(rows=rows, over_policies=over_policies)
+    return kind(rows=rows, over_policies=over_policies, **more)
 
 
 def show_failures(rows: Iterable[Row]) -> None:
