@@ -13,6 +13,7 @@ from agent.mdp.exact import enumerable, joint_starts
 from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.optimum import ratios
 from agent.study.report import Report
+from agent.training.methods import METHODS
 from agent.training.runs import policy_paths
 from cosim.base.errors import UserError
 from cosim.base.table import Column, field, format_value, show_texts
@@ -98,14 +99,17 @@ def grid_row(name: str, policy: GreedyPolicy) -> Row:
 
 
 def policy_files(given: Iterable[Any]) -> list[Any]:
-    """Return what a user gives, with the policies of their runs in place of folders."""
+    """Return what a user gives, with the policies of their runs in place of folders.
+
+    The name of a method stays one, next to a folder of this name without runs.
+    """
     found: list[Any] = []
     for path in given:
         folder = isinstance(path, str | Path) and Path(path).is_dir()
         inside = policy_paths(Path(path)) if folder else [path]
-        if not inside:
+        if not inside and path not in METHODS:
             raise UserError(f"{path}: no run_*/policy.npz in this folder; name a folder of runs")
-        found += inside
+        found += inside or [path]
     if not found:
         raise UserError("no policy named; give policy.npz files or folders of runs")
     return found
