@@ -100,7 +100,7 @@ class Screenshot(Command):
     """Recording to open (.rrd)."""
     out: opt.File = Path("screenshot.png")
     """Picture to write (.png)."""
-    width: Annotated[int, tyro.conf.arg(metavar="PX")] = 1280
+    width: Annotated[opt.Count, tyro.conf.arg(metavar="PX")] = 1280
     """Width of the picture in pixels."""
     time: Annotated[float | None, tyro.conf.arg(metavar="S", aliases=["--time-s"])] = None
     """Simulated time in s at which the recording is shown; by default as the viewer opens it."""
