@@ -70,38 +70,41 @@ def compare(a: Episode | Path | str, b: Episode | Path | str) -> Comparison:
         FileError: a file holds no episode.
     """
     a, b = (e if isinstance(e, Episode) else read_episode(Path(e)) for e in (a, b))
-    series = [series_of(episode) for episode in (a, b)]
     parameters = [{n: p.value for n, p in e.parameters.items()} for e in (a, b)]
     return Comparison(
         recordings=(a.origin, b.origin),
-        complete=a.complete,
         outcomes=(a.outcome, b.outcome),
         times_s=(a.time_s, b.time_s),
         facts=_changed(a.facts, b.facts),
         parameters=_changed(*parameters),
-        signals=len(series[0] | series[1]),
-        values=sum(part[1].size for part in series[0].values()),
-        differences=find_differences(a, b),
+        **_compared_signals(a, b),
     )
 
 
-def find_differences(a: Recorded, b: Recorded) -> dict[str, float | None]:
-    """Return the time from which on signals and states differ, the earliest first.
+def _compared_signals(a: Recorded, b: Recorded) -> dict[str, Any]:
+    """Return the fields of a `Comparison` about signals and states.
 
     Of an episode `a` that is not complete the samples that it has are compared.
     """
-    series, found = [series_of(episode) for episode in (a, b)], {}
-    for name in sorted(series[0] | series[1]):
+    series, found = [_series_of(episode) for episode in (a, b)], {}
+    names = sorted(series[0] | series[1])
+    for name in names:
         was, now = (signals.get(name, _NONE) for signals in series)
         if not a.complete:
             now = tuple(part[: len(was[0])] for part in now)
         at = _first_difference(was, now)
         if at is not None:
             found[name] = float(was[0][at]) if at < min(len(was[0]), len(now[0])) else None
-    return dict(sorted(found.items(), key=lambda row: math.inf if row[1] is None else row[1]))
+    by_time = sorted(found.items(), key=lambda row: math.inf if row[1] is None else row[1])
+    return {
+        "complete": a.complete,
+        "signals": len(names),
+        "values": sum(values.size for _, values in series[0].values()),
+        "differences": dict(by_time),
+    }
 
 
-def series_of(episode: Recorded) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _series_of(episode: Recorded) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return times and values of all signals and states, by name."""
     found = {name: (signal.time_s, signal.values) for name, signal in episode.signals.items()}
     return found | {name: (t.time_s, np.array(t.texts)) for name, t in episode.texts.items()}
@@ -160,19 +163,15 @@ def replay(
     sampled = sampled_of(task.scenario.robots, signals)
     for _ in simulate_tasks([replace(task, record=record, watch=watch, sampled=sampled)], 1):
         pass
-    replayed, now = read_chunks(kept.chunks, data.recording_id), versions()
-    recorded = series_of(data)
-    return {
-        "recording": str(data.path),
-        "complete": data.complete,
-        "signals": len(recorded | series_of(replayed)),
-        "values": sum(values.size for _, values in recorded.values()),
-        "differences": [
-            {"signal": name, "time_s": time_s}
-            for name, time_s in find_differences(data, replayed).items()
-        ],
-        "versions": {k: (v, now.get(k, "")) for k, v in then.items() if v != now.get(k)},
-    }
+    found, now = _compared_signals(data, read_chunks(kept.chunks, data.recording_id)), versions()
+    parted = [{"signal": name, "time_s": at_s} for name, at_s in found["differences"].items()]
+    changed = {k: (v, now.get(k, "")) for k, v in then.items() if v != now.get(k)}
+    return found | {"recording": str(data.path), "differences": parted, "versions": changed}
+
+
+def differing(name: str, time_s: float | None) -> str:
+    """Return the line that says from when on a signal differs."""
+    return f"{name} differs" + ("" if time_s is None else f" from {time_s:g} s on")
 
 
 @styled

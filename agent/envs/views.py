@@ -75,22 +75,19 @@ class View:
         return self._rows()
 
     def _rows(self) -> Rows:
-        arrays, robots = self._boards.arrays, self._boards.shape[1]
-        observations = arrays.observations.reshape(len(arrays.outcomes) * robots, -1).copy()
+        arrays = self._boards.arrays
+        ranks = np.repeat(arrays.outcomes, self._boards.shape[1])
+        observations = arrays.observations.reshape(len(ranks), -1).copy()
         ends = arrays.terminated.flatten(), arrays.truncated.flatten()
-        return observations, arrays.rewards.flatten(), *ends, self._info_arrays()
-
-    def _info_arrays(self) -> dict[str, np.ndarray]:
-        ranks = np.repeat(self._boards.arrays.outcomes, self._boards.shape[1])
         infos = {
             "outcome": ranks,
             "is_success": ranks == SUCCESS,
             "path_length": self._boards.path_length_cm().ravel(),
-            "active": self._boards.arrays.active.flatten(),
+            "active": arrays.active.flatten(),
         }
         if self._outcome_names:
             infos["outcome_name"] = _NAMES[ranks]
-        return infos
+        return observations, arrays.rewards.flatten(), *ends, infos
 
     def render(self) -> Any:
         """Return the first board as text ("ansi") or pixels ("rgb_array")."""
@@ -156,11 +153,9 @@ class SingleEnv(View, gym.Env[np.ndarray, Any]):
         self._require_open()
         if self._boards.arrays.outcomes[0] != RUNNING:
             raise ConfigError("no episode is running; call reset before the next step")
-        self._boards.step(self._boards.joint([action]))
-        arrays = self._boards.arrays
-        ends = bool(arrays.terminated[0, 0]), bool(arrays.truncated[0, 0])
-        observation, reward = arrays.observations[0, 0].copy(), float(arrays.rewards[0, 0])
-        return observation, reward, *ends, _info(self._info_arrays())
+        observations, *(reward, terminated, truncated), infos = self._step([action])
+        ends = bool(terminated[0]), bool(truncated[0])
+        return observations[0], float(reward[0]), *ends, _info(infos)
 
 
 def _info(infos: dict[str, np.ndarray]) -> dict[str, Any]:

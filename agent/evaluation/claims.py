@@ -45,13 +45,18 @@ class SequentialTest:
         """Share of alpha that a look may spend, look = 0, 1, ...; all together spend alpha."""
         return self.alpha / ((look + 1) * (look + 2))
 
+    @cache  # noqa: B019 - by the test's numbers, of which there are few
     def episodes_to_certify(self, against: int) -> int:
         """Episodes after which the claim is certified if at most that many speak against it."""
-        return _enough(against, self.limit, self.level(against))
+        level = self.level(against)
+        return _first(lambda n: _at_most(against, n, self.limit) <= level, against + 1)
 
+    @cache  # noqa: B019
     def episodes_to_refute(self, against: int) -> int:
         """Episodes within which that many (at least one) against the claim refuse it."""
-        return _refuted(against, self.limit, self.level(against - 1))
+        level = self.level(against - 1)
+        # this number against of n are no more than the rest that are for the claim
+        return _first(lambda n: _at_most(n - against, n, 1.0 - self.limit) > level, against) - 1
 
     def decide(self, episodes: Iterable[bool]) -> tuple[Verdict, int, int]:
         """Return the verdict after episodes, of which each speaks against the claim or does not.
@@ -78,17 +83,6 @@ def _at_most(successes: int, trials: int, rate: float) -> float:
     if successes > trials * rate - 1.0:
         return 1.0
     return float(binom.cdf(successes, trials, rate))
-
-
-@cache
-def _enough(against: int, limit: float, level: float) -> int:
-    return _first(lambda n: _at_most(against, n, limit) <= level, against + 1)
-
-
-@cache
-def _refuted(against: int, limit: float, level: float) -> int:
-    # this number against of n are no more than the rest that are for the claim
-    return _first(lambda n: _at_most(n - against, n, 1.0 - limit) > level, against) - 1
 
 
 def _first(holds: Callable[[int], bool], begin: int) -> int:

@@ -1,6 +1,5 @@
 """Result files of trained runs, and an experiment's result as tables."""
 
-import math
 from collections import defaultdict
 from collections.abc import Mapping
 
@@ -53,16 +52,12 @@ class ExperimentResult(msgspec.Struct, frozen=True, kw_only=True):
 def differences(variants: Mapping[str, VariantResult]) -> dict[str, dict[str, Statistics]]:
     """Return statistics of variants' runs minus the runs of the same seeds of their references."""
 
-    def values(name: str, measure: str) -> np.ndarray:
-        return np.array([getattr(run, measure) for run in variants[name].runs], dtype=float)
+    def values(name: str) -> np.ndarray:
+        runs = variants[name].runs
+        return np.array([[getattr(run, measure) for measure in _COMPARED] for run in runs], float)
 
     return {
-        name: {
-            measure: summarise(
-                values(name, measure) - values(variant.reference, measure), *_limits(measure)
-            )
-            for measure in _COMPARED
-        }
+        name: _by_measure(values(name) - values(variant.reference))
         for name, variant in variants.items()
         if variant.reference is not None
     }
@@ -86,17 +81,18 @@ def effects(
         for level in ("all", *levels):
             groups[f"{level} {c}"].append(difference)
     return {
-        group: {
-            measure: summarise([d[measure].mean for d in members], *_limits(measure))
-            for measure in _COMPARED
-        }
+        group: _by_measure(np.array([[d[m].mean for m in _COMPARED] for d in members], float))
         for group, members in groups.items()
     }
 
 
-def _limits(measure: str) -> tuple[float, float]:
-    """Return the ends between which a measure's differences lie."""
-    return (-1.0, 1.0) if measure == "success" else (-math.inf, math.inf)
+def _by_measure(differences: np.ndarray) -> dict[str, Statistics]:
+    """Return statistics of differences (n, measures), NaN where there is none, by measure."""
+    limits = {"success": (-1.0, 1.0)}
+    return {
+        measure: summarise(column, *limits.get(measure, ()))
+        for measure, column in zip(_COMPARED, differences.T, strict=True)
+    }
 
 
 def show(result: ExperimentResult) -> None:

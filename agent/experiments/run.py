@@ -52,15 +52,9 @@ def train_and_evaluate(
     if experiment.runs > 1:
         facts = {"scenario": scenario, "seed": experiment.seed}
         write_runs(out / RECORDING_FILE, [curves for _, curves in results], facts)
-    named = enumerate(policy for policy, _ in results)
-    report = report_of((f"{run_name(k)}/{POLICY_FILE}", policy) for k, policy in named)
-    summary = TrainingSummary(
-        rows=report.rows,
-        over_policies=report.over_policies,
-        seed=experiment.seed,
-        seconds=seconds,
-        out=str(out),
-    )
+    named = ((f"{run_name(k)}/{POLICY_FILE}", policy) for k, (policy, _) in enumerate(results))
+    facts = {"seed": experiment.seed, "seconds": seconds, "out": str(out)}
+    summary = report_of(named, TrainingSummary, **facts)
     write_json(out / SUMMARY_FILE, summary)
     return summary
 

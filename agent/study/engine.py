@@ -204,7 +204,7 @@ def _record(
     for line in lines:
         case, results = line.case, line.results(store)
         succeeded = [k for k, result in results.items() if result.outcome == Outcome.SUCCESS]
-        failed = [k for k in results if k not in succeeded]
+        failed = [k for k, result in results.items() if result.outcome != Outcome.SUCCESS]
         place = f"{store.folder / 'recordings' / case.policy.config.scenario.name}-{case.digest}"
         paths = {
             k: Path(f"{place}-{k:06d}-{results[k].outcome}.rrd")

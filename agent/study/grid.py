@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from agent.mdp.exact import enumerable, joint_starts
 from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.optimum import ratios
 from agent.study.report import Report
+from agent.training.methods import METHODS
 from agent.training.runs import policy_paths
 from cosim.base.errors import UserError
 from cosim.base.table import Column, field, format_value, show_texts
@@ -60,6 +61,9 @@ class GridReport(Report, frozen=True, kw_only=True):
             show_texts(header, rows)
 
 
+Kind = TypeVar("Kind", bound=GridReport)
+
+
 def grid_row(name: str, policy: GreedyPolicy) -> Row:
     """Evaluate a policy from all starts, or a sample of them."""
     result = policy.evaluate()
@@ -95,21 +99,26 @@ def grid_row(name: str, policy: GreedyPolicy) -> Row:
 
 
 def policy_files(given: Iterable[Any]) -> list[Any]:
-    """Return what a user gives, with the policies of their runs in place of folders."""
+    """Return what a user gives, with the policies of their runs in place of folders.
+
+    The name of a method stays one, next to a folder of this name without runs.
+    """
     found: list[Any] = []
     for path in given:
         folder = isinstance(path, str | Path) and Path(path).is_dir()
         inside = policy_paths(Path(path)) if folder else [path]
-        if not inside:
+        if not inside and path not in METHODS:
             raise UserError(f"{path}: no run_*/policy.npz in this folder; name a folder of runs")
-        found += inside
+        found += inside or [path]
     if not found:
         raise UserError("no policy named; give policy.npz files or folders of runs")
     return found
 
 
-def report_of(policies: Iterable[tuple[str, GreedyPolicy]]) -> GridReport:
-    """Evaluate policies by name."""
+def report_of(
+    policies: Iterable[tuple[str, GreedyPolicy]], kind: type[Kind] = GridReport, **more: Any
+) -> Kind:
+    """Evaluate policies by name; return a report of a kind, with what `more` it has."""
     rows = tuple(grid_row(name, policy) for name, policy in policies)
     over_policies: dict[str, dict[str, Statistics]] = {}
     for scenario in dict.fromkeys(row.scenario for row in rows):
@@ -120,7 +129,7 @@ def report_of(policies: Iterable[tuple[str, GreedyPolicy]]) -> GridReport:
             )
             for name in _MEASURES
         }
-    return GridReport(rows=rows, over_policies=over_policies)
+    return kind(rows=rows, over_policies=over_policies, **more)
 
 
 def show_failures(rows: Iterable[Row]) -> None:

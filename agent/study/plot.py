@@ -130,7 +130,9 @@ def draw_map(
     places = [list(dict.fromkeys(row.labels()[axis] for row in rows)) for axis in axes]
     across, up = (sorted(v) if _are_numbers(v) else v for v in places)
     measured = _measured(rows, quantity)[0]
-    limits = (0.0, 100.0) if quantity in ENDS else (np.nanmin(measured), np.nanmax(measured))
+    known = measured[np.isfinite(measured)]
+    whole = quantity in ENDS or not len(known)
+    limits = (0.0, 100.0) if whole else (known.min(), known.max())
     columns = min(_COLUMNS, len(panels))
     lines = -(-len(panels) // columns)
     size = (1.0 + columns * max(2.8, 0.5 * len(across)), 0.6 + lines * (1.0 + 0.4 * len(up)))

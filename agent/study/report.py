@@ -9,7 +9,7 @@ import msgspec
 from agent.evaluation.rows import Row, columns_of, text_of
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.errors import UserError
-from cosim.base.storage import replacing, write_json, write_whole
+from cosim.base.storage import write_json, write_whole
 from cosim.base.table import Columns, arrow_of, markdown, show, write_parquet
 
 if TYPE_CHECKING:
@@ -114,7 +114,9 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
             case ".parquet":
                 write_parquet(path, rows)
             case ".png":
-                write_figure(path, self.plot(quantity=quantity))
+                from cosim.base.plotting import save_figure  # noqa: PLC0415 - slow to import
+
+                save_figure(self.plot(quantity=quantity), path, dpi=150)
             case _:
                 raise ConfigError(f"{path}: its name must end in one of {', '.join(SUFFIXES)}")
 
@@ -128,9 +130,3 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
             for row in self.rows
             for index, result in row.results.items()
         ]
-
-
-def write_figure(path: Path, figure: "Figure") -> None:
-    """Write a figure as PNG, whole or not at all."""
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=150)

@@ -21,7 +21,7 @@ from agent.study.engine import Line, lines_of, measure
 from agent.study.grid import policy_files, show_failures
 from agent.study.options import AXES, RobustnessOptions, Sampling, TransferOptions
 from agent.study.policies import name_of, policy_of
-from agent.study.report import Report, write_figure
+from agent.study.report import Report
 from agent.study.store import EpisodeStore
 from agent.training.methods import METHODS
 from agent.training.settings import COMPARED
@@ -205,6 +205,7 @@ def robustness(
     In the given world nothing is ideal.
     """
     from agent.study.plot import draw_measure  # noqa: PLC0415 - slow to import
+    from cosim.base.plotting import save_figure  # noqa: PLC0415
 
     may_begin, store = until(how.budget_minutes), EpisodeStore(how.out / "results")
     count = QUICK_EPISODES if how.quick else how.episodes or _SOME
@@ -230,7 +231,7 @@ def robustness(
         lambda row: row.policy,
         title=f"scenario {how.scenario}, without the shield; bars: 95 %, Wilson",
     )
-    write_figure(how.out / "robustness.png", figure)
+    save_figure(figure, how.out / "robustness.png", dpi=150)
     return report
 
 

@@ -9,8 +9,6 @@
 Where runs are computed is `cosim.base.backends`, the command `minirobots train`.
 """
 
-import contextlib
-from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -20,12 +18,12 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.interpretations import build_process
 from agent.moves.model import ObservedMoves
 from agent.training.loop import TrainingLog, learn
-from agent.training.policy import Policy, PolicyConfig, Seed, load_policy
+from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.recording import write_training
 from agent.training.settings import LearningConfig
 from agent.training.store import POLICY_FILE, load_run, save_run
 from cosim.base.backends import sweep
-from cosim.base.errors import FileError, UserError
+from cosim.base.errors import UserError
 from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
@@ -76,13 +74,19 @@ def make_runs(
     """
     out = out.absolute()
     build_process(experiment.scenario, experiment.process)  # refuse here, not in every worker
-    configs = experiment.configs()
-    _require_same(out, experiment, configs)
+    _require_same(out / EXPERIMENT_FILE, experiment)
+    configs, results = experiment.configs(), dict[int, tuple[Policy, TrainingLog]]()
     folders = [out / run_name(number) for number in range(len(configs))]
-    for folder in folders:
+    for number, (folder, config) in enumerate(zip(folders, configs, strict=True)):
         folder.mkdir(exist_ok=True)
-    pairs = zip(folders, configs, strict=True)
-    results = {k: run for k, pair in enumerate(pairs) if (run := load_run(*pair))}
+        if (found := load_run(folder)) is None:
+            continue
+        if found[0].config != config:
+            raise UserError(
+                f"{folder / POLICY_FILE}: was trained by another version with other results; "
+                "choose another --out to train again"
+            )
+        results[number] = found
     missing = [number for number in range(len(configs)) if number not in results]
     ended = sweep(learn, [configs[number] for number in missing], where)
     for count, (index, (policy, log)) in enumerate(ended, 1):
@@ -105,9 +109,8 @@ def policy_paths(out: Path) -> list[Path]:
     return sorted(out.glob(f"run_*/{POLICY_FILE}"))
 
 
-def _require_same(out: Path, experiment: Experiment, configs: Sequence[PolicyConfig]) -> None:
-    """Make the folder this experiment's, or refuse; damaged runs are trained again."""
-    path = out / EXPERIMENT_FILE
+def _require_same(path: Path, experiment: Experiment) -> None:
+    """Make a folder this experiment's, or refuse one of another."""
     if not path.exists():
         write_json(path, experiment)
     elif read_json(path, _FILE, Experiment) != experiment:
@@ -115,11 +118,3 @@ def _require_same(out: Path, experiment: Experiment, configs: Sequence[PolicyCon
             f"{path}: belongs to another configuration; give the options it was started with or "
             "choose another --out"
         )
-    for number, config in enumerate(configs):
-        policy = out / run_name(number) / POLICY_FILE
-        with contextlib.suppress(FileError):
-            if policy.exists() and load_policy(policy).config != config:
-                raise UserError(
-                    f"{policy}: was trained by another version with other results; choose "
-                    "another --out to train again"
-                )

@@ -28,17 +28,16 @@ def save_run(folder: Path, policy: GreedyPolicy, log: TrainingLog) -> None:
     policy.save(folder / POLICY_FILE)
 
 
-def load_run(folder: Path, config: PolicyConfig) -> tuple[Policy, TrainingLog] | None:
-    """Policy and learning curves of a configuration; None if they are missing or damaged."""
+def load_run(folder: Path) -> tuple[Any, TrainingLog] | None:
+    """Policy and learning curves of a run; None if they are missing or damaged."""
     path = folder / POLICY_FILE  # written last
     if not path.exists():
         return None
     try:
-        policy, log = load_policy(path), TrainingLog.load(folder / LOG_FILE)
+        return load_policy(path), TrainingLog.load(folder / LOG_FILE)
     except FileError as error:
         _LOGGER.warning("%s: it is rebuilt", error)
         return None
-    return (policy, log) if isinstance(policy, Policy) and policy.config == config else None
 
 
 def find_or_make(
@@ -64,5 +63,5 @@ def find_or_make(
         save_run(folder, *trained)
         return trained
 
-    found = load_or_create(folder, lambda: None if again else load_run(folder, config), train)
+    found = load_or_create(folder, lambda: None if again else load_run(folder), train)
     return *found, path

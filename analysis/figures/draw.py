@@ -13,9 +13,8 @@ import matplotlib.pyplot as plt
 from analysis.figures.style import Caption, save, write_caption
 from analysis.reading.results import figure_entries, missing
 from cosim.base.errors import UserError
-from cosim.base.plotting import styled
+from cosim.base.plotting import save_figure, styled
 from cosim.base.progress import Progress, silent
-from cosim.base.storage import replacing
 
 # Of a page of the docs; such a picture takes well under 150 kB.
 SMALL_WIDTH_PX = 900
@@ -52,8 +51,7 @@ def draw_figures(
         figure, picture = drawing.figure, out / f"{name}.png"
         if small:
             dpi = SMALL_WIDTH_PX / figure.get_figwidth()
-            with replacing(picture) as temporary:
-                figure.savefig(temporary, dpi=dpi, pil_kwargs={"optimize": True})
+            save_figure(figure, picture, dpi=dpi, pil_kwargs={"optimize": True})
             drawn[name] = [picture]
         else:
             written = save(figure, picture)

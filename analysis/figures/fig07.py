@@ -13,6 +13,7 @@ from analysis.figures.style import WIDTH_IN, Drawing, verdicts
 from analysis.reading.findings import intervals
 from analysis.reading.motor_test import LOOPS, Response, read, rise
 from analysis.reading.results import RESULTS
+from cosim.base.errors import UserError
 from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
 from cosim.model.params import TABLE_II, describe, motor_time_constant
 
@@ -89,6 +90,8 @@ def drawing_of(
     responses: dict[str, Response], motor: Mapping[str, float] = TABLE_II._asdict()
 ) -> Drawing:
     """Return the figure of a motor test with response times, speeds and saturation; see `draw`."""
+    if (lasts_s := responses["closed_loop"].time_s[-1]) < EARLY_S:
+        raise UserError(f"the motor test lasts {lasts_s:g} s; record one of {EARLY_S:g} s or more")
     limit_v = motor.get("V_s_max", TABLE_II.V_s_max)
     numbers: dict[str, Any] = {"motor": dict(motor)}
     times_s: dict[str, list[float | None]] = {text: [] for text in _TIMES.values()}

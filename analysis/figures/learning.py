@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -170,18 +171,9 @@ def sequel(results: Path) -> Drawing:
     return _learning_figure(content, results, judged, ("success", text), draw_by_scenario)
 
 
-def fig08(results: Path) -> Drawing:
-    """Learning curves of one robot."""
-    return _learned(read_experiment("fig08", results), results, single=True)
-
-
-def fig11(results: Path) -> Drawing:
-    """Learning curves of pairs."""
-    return _learned(read_experiment("fig11", results), results, single=False)
-
-
-def _learned(content: ExperimentResult, results: Path, *, single: bool) -> Drawing:
-    ours, learnt = [], True
+def _learned(name: str, results: Path, *, single: bool = False) -> Drawing:
+    """Draw the learning curves of one robot, or of pairs."""
+    content, ours, learnt = read_experiment(name, results), [], True
     for variant in content.variants.values():
         succeeded, runs = sum(run.success == 1.0 for run in variant.runs), len(variant.runs)
         low, high = binomtest(succeeded, runs).proportion_ci()
@@ -203,6 +195,9 @@ def _learned(content: ExperimentResult, results: Path, *, single: bool) -> Drawi
             }
         )
     return _learning_figure(content, results, ("; ".join(ours), found))
+
+
+fig08, fig11 = partial(_learned, "fig08", single=True), partial(_learned, "fig11")
 
 
 def _compared(

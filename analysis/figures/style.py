@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from analysis.reading.results import figure_entries
 from cosim.base.errors import UserError
-from cosim.base.plotting import styled
+from cosim.base.plotting import save_figure, styled
 from cosim.base.reading import Kind, read_json
-from cosim.base.storage import replacing, write_json
+from cosim.base.storage import write_json
 
 WIDTH_IN = 7.2  # two columns of a journal page
 FORMATS = (".png", ".pdf")
@@ -30,8 +30,7 @@ def save(figure: Figure, out: Path) -> list[Path]:
     for file in files:
         # No date of creation: same results, same file.
         metadata = {"CreationDate": None} if file.suffix == ".pdf" else {}
-        with replacing(file) as path:
-            figure.savefig(path, metadata=metadata)
+        save_figure(figure, file, metadata=metadata)
     return files
 
 

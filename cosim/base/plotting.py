@@ -1,9 +1,13 @@
 """Style of all figures: matplotlib's settings, and colours that colour-blind readers tell apart."""
 
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from cycler import cycler
+from matplotlib.figure import Figure
+
+from cosim.base.storage import replacing
 
 # Okabe and Ito's palette.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -28,3 +32,9 @@ SETTINGS: dict[Any, Any] = {
 
 # Decorator of functions that make a figure without changing the caller's own settings.
 styled = mpl.rc_context(SETTINGS)
+
+
+def save_figure(figure: Figure, path: Path, **how: Any) -> None:
+    """Write a figure, whole or not at all, with arguments of `Figure.savefig`."""
+    with replacing(path) as temporary:
+        figure.savefig(temporary, **how)

@@ -11,6 +11,7 @@ from cosim.base import command as opt
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
+from cosim.base.table import show_texts
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
 from cosim.simulation.options import EpisodeOptions, Setup, SimulationOptions, resolve
@@ -105,7 +106,6 @@ class Run(Command):
 
     def run(self, progress: Progress) -> Output:
         from agent.evaluation.run import run_episodes
-        from cosim.base.table import show_texts
         from cosim.recording.series import with_bursts
         from cosim.simulation.ahead import compiling_ahead
         from cosim.simulation.batch import chosen_driver
@@ -242,7 +242,7 @@ class Replay(Command):
     motor_fmu: opt.MotorFmuFile = None
 
     def run(self, progress: Progress) -> Output:
-        from analysis.compare import replay
+        from analysis.compare import differing, replay
 
         found = replay(self.recording, self.policy, self.motor_fmu, progress)
         count, differences = found["signals"], found["differences"]
@@ -253,11 +253,7 @@ class Replay(Command):
                 f"{name} was {was} when it was recorded, and is {now or 'missing'} now"
                 for name, (was, now) in found["versions"].items()
             ),
-            *(
-                f"{each['signal']} differs"
-                + ("" if each["time_s"] is None else f" from {each['time_s']:g} s on")
-                for each in differences
-            ),
+            *(differing(each["signal"], each["time_s"]) for each in differences),
             f"{count - len(differences)} of {count} signals ({found['values']} values) are equal "
             f"in every bit{ended}",
             failed=bool(differences),

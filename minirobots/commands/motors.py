@@ -16,6 +16,8 @@ from cosim.base.arguments import validate_unique
 from cosim.base.errors import UserError
 from cosim.base.jobs import THREADS, Where
 from cosim.base.progress import Progress
+from cosim.base.storage import require_suffix, write_json
+from cosim.base.table import show, show_texts, write_report
 from cosim.model.preset import PAPER, find_preset
 from cosim.simulation.options import Physics
 from fmus.compiler import TARGETS, host_target
@@ -49,7 +51,6 @@ class MotorTest(Command):
 
     def run(self, progress: Progress) -> Output:
         from analysis.motor.step_test import record
-        from cosim.base.storage import require_suffix
         from fmus.build import cached_fmu
 
         fmu = self.motor_fmu or cached_fmu("VibrationMotor")
@@ -83,7 +84,6 @@ class MotorLoop(Command):
         from analysis.motor import speed_loop as theory
         from analysis.motor.instance import GivenMotor
         from analysis.motor.steps import compare_gains, draw
-        from cosim.base.table import show_texts
         from cosim.fmi.motor import MotorFmu
         from cosim.model.params import motor_time_constant
         from fmus.build import cached_fmu
@@ -172,8 +172,7 @@ class Calibrate(Command):
     physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
 
     def run(self, progress: Progress) -> Output:
-        from cosim.base.storage import replacing, write_json
-        from cosim.base.table import show_texts
+        from cosim.base.plotting import save_figure
         from cosim.calibration.measuring import find_calibration
         from cosim.calibration.report import draw, manoeuvre_rows, report_of
         from cosim.fmi.motor import with_motor
@@ -189,8 +188,7 @@ class Calibrate(Command):
         calibration.save(out / "calibration.npz")
         write_json(out / "calibration.json", report)
         title = f"One robot, μ = {config.robot.mu:g}, noise ±{config.noise.relative_amplitude:.0%}"
-        with replacing(out / "calibration.png") as temporary:
-            draw(calibration, title).savefig(temporary, dpi=150)
+        save_figure(draw(calibration, title), out / "calibration.png", dpi=150)
         header = ("manoeuvre", "motor speed", "mean", "scatter", "airborne")
         return Output(
             report,
@@ -202,8 +200,6 @@ class Calibrate(Command):
         )
 
     def _primitives(self, config: "CoSimConfig", fmu: Path, progress: Progress) -> Output:
-        from cosim.base.storage import write_json
-        from cosim.base.table import show_texts
         from cosim.calibration.primitives import find_primitives, primitive_rows, steered
 
         found = find_primitives(config, fmu, progress, again=self.again)
@@ -237,7 +233,6 @@ class MovePlatform(Command):
     mu: opt.Friction = None
 
     def run(self, progress: Progress) -> Output:
-        from cosim.base.storage import require_suffix
         from cosim.machine.platform.motion import move_platforms
 
         out = require_suffix(self.out, ".npz")
@@ -345,8 +340,7 @@ class Validate(Command):
     where: Where = THREADS
 
     def run(self, progress: Progress) -> Output:
-        from cosim.base.storage import replacing
-        from cosim.base.table import show, write_report
+        from cosim.base.plotting import save_figure
         from cosim.machine.validation.droplets import draw
         from cosim.machine.validation.report import tables, text_of
         from cosim.machine.validation.validate import FULL, QUICK, validate
@@ -355,8 +349,7 @@ class Validate(Command):
         fmu = Physics(motor_fmu=self.motor_fmu).fmu(progress)
         report = validate(fmu, count, self.seed, self.where, progress)
         write_report(self.out / "validation", report, text_of(report))
-        with replacing(self.out / "droplets.png") as temporary:
-            draw(list(report.robots)).savefig(temporary, dpi=110)
+        save_figure(draw(list(report.robots)), self.out / "droplets.png", dpi=110)
         return Output(
             report,
             *(
@@ -397,8 +390,6 @@ class IdentifyRobot(Command):
             raise UserError("name a track to identify a robot from, or --excite FILE.csv")
 
     def run(self, progress: Progress) -> Output:
-        from cosim.base.storage import require_suffix
-        from cosim.base.table import show
         from cosim.machine.identification.result import COLUMNS, identify, mass_text
         from cosim.machine.identification.track import (
             HOLD_S,

@@ -19,6 +19,8 @@ from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.errors import UserError, in_shell
 from cosim.base.jobs import PROCESSES, THREADS, Where
 from cosim.base.progress import Progress
+from cosim.base.storage import require_suffix
+from cosim.base.table import show_texts
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario, read_world
 from cosim.simulation.options import DecisionOptions, Physics, SimulationOptions
@@ -36,7 +38,6 @@ class Methods(Command):
 
     def run(self, progress: Progress) -> Output:
         from agent.training.methods import METHODS
-        from cosim.base.table import show_texts
 
         rows = [{"method": name, **method.facts} for name, method in METHODS.items()]
         cells = [tuple(row.values()) for row in rows]
@@ -372,8 +373,6 @@ class ObserveMoves(Command):
     def run(self, progress: Progress) -> Output:
         from agent.moves.model import require_rl_step
         from agent.moves.observe import facts_of, move_rows, observe_moves
-        from cosim.base.storage import require_suffix
-        from cosim.base.table import show_texts
 
         out, jobs = require_suffix(self.out, ".json"), opt.workers(self.jobs)
         config, fmu = self.physics.prepare(progress=progress)

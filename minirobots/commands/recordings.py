@@ -10,6 +10,8 @@ import tyro
 
 from cosim.base import command as opt
 from cosim.base.progress import Progress, under_way
+from cosim.base.storage import require_suffix
+from cosim.base.table import Column, field, show, show_texts
 from minirobots.runner import Command, Output
 
 if TYPE_CHECKING:
@@ -58,8 +60,6 @@ def _lines(found: "Inspection") -> Iterator[str]:
 def _show_tables(found: "Inspection", parameters: bool) -> None:
     from rich.console import Console
 
-    from cosim.base.table import Column, field, show, show_texts
-
     console = Console()
     if not console.is_terminal:  # a file takes whole lines; a terminal has its own width
         console = Console(width=150)
@@ -100,7 +100,7 @@ class Screenshot(Command):
     """Recording to open (.rrd)."""
     out: opt.File = Path("screenshot.png")
     """Picture to write (.png)."""
-    width: Annotated[int, tyro.conf.arg(metavar="PX")] = 1280
+    width: Annotated[opt.Count, tyro.conf.arg(metavar="PX")] = 1280
     """Width of the picture in pixels."""
     time: Annotated[float | None, tyro.conf.arg(metavar="S", aliases=["--time-s"])] = None
     """Simulated time in s at which the recording is shown; by default as the viewer opens it."""
@@ -109,7 +109,6 @@ class Screenshot(Command):
 
     def run(self, progress: Progress) -> Output:
         from analysis.viewer import screenshot, shrink
-        from cosim.base.storage import require_suffix
 
         out = require_suffix(self.out, ".png")
         with under_way(progress, "drawing in the viewer"):
@@ -146,7 +145,6 @@ class Export(Command):
 
     def run(self, progress: Progress) -> Output:
         from analysis.export import chosen, export
-        from cosim.base.storage import require_suffix
         from cosim.recording.reader import read_episode
 
         suffix = f".{self.to}"
@@ -177,25 +175,21 @@ class Compare(Command):
     """Picture to write (.png, .pdf or .svg); by default none."""
 
     def run(self, progress: Progress) -> Output:
-        from analysis.compare import compare, draw
-        from cosim.base.storage import replacing
+        from analysis.compare import compare, differing, draw
+        from cosim.base.plotting import save_figure
         from cosim.recording.reader import read_episode
 
         a, b = map(read_episode, (self.first, self.second))
         found = compare(a, b)
         if self.out is not None:
-            with replacing(self.out) as temporary:
-                draw(a, b, found).savefig(temporary, format=self.out.suffix[1:], dpi=150)
+            save_figure(draw(a, b, found), self.out, format=self.out.suffix[1:], dpi=150)
         rows = {"outcome": found.outcomes, "simulated s": found.times_s}
         rows |= found.facts | found.parameters
         changed = {name: pair for name, pair in rows.items() if pair[0] != pair[1]}
         return Output(
             found,
             *(f"{name}: {one} and {other}" for name, (one, other) in changed.items()),
-            *(
-                f"{name} differs" + ("" if time_s is None else f" from {time_s:g} s on")
-                for name, time_s in found.differences.items()
-            ),
+            *(differing(*each) for each in found.differences.items()),
             f"{found.signals - len(found.differences)} of {found.signals} signals are equal in "
             "every bit",
             *([f"picture in {self.out}"] if self.out else []),

@@ -255,6 +255,12 @@ def test_fig_7_is_that_of_the_motor_in_the_recording(motor_fmu, tmp_path):
         assert drawing.numbers["motor"][name] == value
 
 
+def test_fig_7_of_a_test_that_is_too_short_is_refused(motor_fmu, tmp_path):
+    record(RESULTS["motor_test"].location(tmp_path), motor_fmu, StepTest(duration=0.03))
+    with pytest.raises(UserError, match=r"lasts 0\.03 s; record one of 0\.05 s or more"):
+        fig07.make(tmp_path)
+
+
 def test_fig_7_draws_each_signal_of_each_loop(recording):
     responses, _ = read(recording)
     figure: Any = fig07.draw(responses)
@@ -307,5 +313,11 @@ def test_what_is_no_motor_test_is_refused_in_one_sentence(motor_fmu, tmp_path):
             read(path)
     with pytest.raises(UserError, match="cannot be tested"):
         simulate(broken, StepTest(), "open_loop")
+    for field in ("duration", "omega_des", "open_loop_v", "d"):
+        with pytest.raises(ConfigError, match=f"{field} = nan is invalid"):
+            StepTest(**dict[str, Any]({field: math.nan}))
+    for duration in (0.0, -1.0, math.inf):
+        with pytest.raises(ConfigError, match="duration = "):
+            StepTest(duration=duration)
     with pytest.raises(UserError, match="'K_t' is unknown; choose one of"):
         simulate(motor_fmu, StepTest(motor_parameters=(("K_t", 2e-4),)), "open_loop")

@@ -11,7 +11,9 @@ import rerun as rr
 from matplotlib.image import imread
 
 from analysis.viewer import _tab_names, screenshot, shrink
+from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
+from minirobots.commands.recordings import Screenshot
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +61,11 @@ def test_tabs_within_a_tab_are_not_the_first():
         parts = {"/inner": tabs("policies", "r1"), "/outer": tabs("", "overview", "inner")}
         names = _tab_names({path: parts[path] for path in order} | shown)
         assert list(names) == ["/overview", "policies", "/r1"]
+
+
+def test_a_picture_without_width_is_refused():
+    with pytest.raises(ConfigError, match="width = 0 is invalid"):
+        Screenshot(recording=Path("a.rrd"), width=0)
 
 
 def test_missing_recording_is_named(tmp_path):

@@ -13,6 +13,7 @@ from pyarrow import parquet
 
 from agent.evaluation.cases import Case, Job
 from agent.evaluation.rows import measures
+from agent.study.grid import policy_files
 from agent.study.options import Sampling
 from agent.study.report import Report
 from agent.study.store import FILE, EpisodeStore, export
@@ -180,6 +181,15 @@ def test_a_row_that_does_not_fit_is_an_error_and_leaves_whole_rows(case, tmp_pat
         signal.signal(signal.SIGXFSZ, signalled)
     EpisodeStore(tmp_path).keep(Job(case, 2), RESULT)
     assert list(EpisodeStore(tmp_path).results(case)) == [0, 2]
+
+
+def test_a_method_is_one_next_to_a_folder_of_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("paper", "other"):
+        (tmp_path / name).mkdir()
+    assert policy_files(["paper"]) == ["paper"]
+    with pytest.raises(UserError, match="other: no run_"):
+        policy_files(["other"])
 
 
 def test_the_default_is_at_most_what_the_scenario_has(whole, near_file):

@@ -82,6 +82,16 @@ def test_two_axes_give_a_map(quantity):
     assert len(one.axes[0].containers) == 6
 
 
+@pytest.mark.parametrize("quantity", QUANTITIES)
+@pytest.mark.filterwarnings("error")
+def test_a_map_of_rows_without_episodes_is_empty(quantity):
+    table = table_of(["near"], mu=[0.3, 0.1], world=["wood", "glass"])
+    rows = [msgspec.structs.replace(row, **dict.fromkeys(QUANTITIES)) for row in table.rows]
+    figure: Any = msgspec.structs.replace(table, rows=tuple(rows)).plot(quantity=quantity)
+    FigureCanvasAgg(figure).draw()
+    assert np.isnan(np.ma.filled(figure.axes[0].images[0].get_array(), np.nan)).all()
+
+
 @pytest.mark.parametrize("policies", [["near", LONG], [f"policy number {k}" for k in range(12)]])
 def test_legends_titles_and_labels_lie_within_the_figure(policies):
     figure: Any = table_of(policies, mu=[0.1, 0.2]).plot()
