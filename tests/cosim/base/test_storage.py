@@ -38,7 +38,10 @@ def test_what_is_in_the_cache_is_not_made_again(tmp_path, caplog):
     for _ in range(2):
         assert from_cache(tmp_path / "file", made) == KEPT
     assert made == [KEPT]
-    assert not caplog.records
+    (tmp_path / "file").unlink()
+    assert from_cache(tmp_path / "file", made) == KEPT
+    assert made == [KEPT] * 2
+    assert not caplog.records  # nothing was damaged
 
 
 @pytest.mark.parametrize(
@@ -50,6 +53,7 @@ def test_what_is_in_the_cache_is_not_made_again(tmp_path, caplog):
         lambda p: p.write_bytes(b"kepu"),
         lambda p: p.write_bytes(b"[]"),
         lambda p: p.with_name("file.sha256").write_bytes(b"\xff"),
+        lambda p: p.with_name("file.sha256").write_text("0"),
         lambda p: p.with_name("file.sha256").unlink(),
     ],
 )
