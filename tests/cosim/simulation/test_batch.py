@@ -24,7 +24,7 @@ from cosim.recording.series import with_bursts
 from cosim.simulation.batch import Batch, chosen_driver
 from cosim.simulation.tasks import Task, simulate_tasks
 from docs.examples.draw_machine import machine
-from tests.alone import same
+from tests.alone import Constant, same
 
 EAST, NORTH, WEST, SOUTH = 0, 2, 4, 6
 LARGE = Scenario("large", "", ((5, 20), (20, 20)), (((5, 5),), ((20, 5),)))
@@ -32,16 +32,6 @@ LARGE = Scenario("large", "", ((5, 20), (20, 20)), (((5, 5),), ((20, 5),)))
 STARTS, TARGETS = (((4, 4),), ((14, 4),)), ((4, 16), (14, 16))
 SMALL = Scenario("small", "", TARGETS, STARTS, 20, 20, zone=(0, 0, 0, 0), obstacles=((9, 6),))
 ONE = Scenario("one", "", ((5, 5),), (((15, 15),),))
-
-
-class Constant:
-    """Drives every robot the same way for ever."""
-
-    def __init__(self, *directions: int) -> None:
-        self._directions = np.array(directions)
-
-    def act(self, observation):
-        return self._directions
 
 
 # scenario, starts, directions; within seconds the second one leaves the board, the third collides
