@@ -1,8 +1,9 @@
-"""Helpers of the co-simulation's tests: one episode at a time, equal signals, Rerun's program."""
+"""Helpers of many tests: single episodes, equal signals, edited archives, and processes."""
 
 import subprocess
 import sys
-from collections.abc import Iterable
+import zipfile
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,42 @@ class CoSimulation(Batch):
 
     def step(self, action: np.ndarray) -> Step:
         return self.advance({0: action})[0]
+
+
+class Constant:
+    """Drives every robot in its direction, always."""
+
+    def __init__(self, *directions: int) -> None:
+        self._directions = np.array(directions)
+
+    def act(self, observation: Observation) -> np.ndarray:
+        return self._directions
+
+
+def edited(original: Path, path: Path, edit: Callable[[str, bytes], str | bytes | None]) -> Path:
+    """Copy an archive; of each entry, by name and content, return the new content or None."""
+    with zipfile.ZipFile(original) as archive, zipfile.ZipFile(path, "w") as copy:
+        for name in archive.namelist():
+            content = edit(name, archive.read(name))
+            if content is not None:
+                copy.writestr(name, content)
+    return path
+
+
+def python(
+    *arguments: object, text: bool = True, check: bool = False, **options: Any
+) -> subprocess.CompletedProcess[Any]:
+    """Run Python with these arguments to its end: its status, and what it said."""
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=text, check=check, **options)
+
+
+def started(*arguments: object, **options: Any) -> tuple[subprocess.Popen[str], str]:
+    """Start Python with these arguments: the process, and the first line that it prints."""
+    how: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | options
+    process = subprocess.Popen([sys.executable, *map(str, arguments)], **how)
+    assert process.stdout is not None
+    return process, process.stdout.readline()
 
 
 def rrd(*arguments: str | Path) -> bool:

@@ -3,8 +3,6 @@
 import copy
 import gc
 import pickle
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,6 +23,7 @@ from cosim.simulation.batch import Batch
 from cosim.simulation.options import EpisodeOptions
 from fmus.build import cached_fmu
 from minirobots.commands.episodes import Run
+from tests.alone import rrd
 
 BRIEF: dict[str, Any] = {"mu": 0.2, "time_limit": 4.0}
 
@@ -342,10 +341,9 @@ def test_recordings_are_known_by_what_determines_the_episode(policy, tmp_path):
     found = [one("a", policy), one("b", policy, mu=0.2), one("c", shortest), one("d", Local())]
     assert len(set(found)) == 4
     assert one("again", policy) == found[0]
-    merge = [sys.executable, "-m", "rerun", "rrd", "merge"]
     one("e", policy)  # the same recording as a
     for names, message in (("ab", "holds 2 recordings"), ("ae", "holds 2 episodes merged into")):
         files, both = [tmp_path / f"{name}.rrd" for name in names], tmp_path / f"{names}.rrd"
-        subprocess.run([*merge, *files, "-o", both], check=True, capture_output=True)
+        assert rrd("merge", *files, "-o", both)
         with pytest.raises(UserError, match=message):
             analysis.open(both)

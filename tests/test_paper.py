@@ -16,9 +16,6 @@ import minirobots as mr
 from agent.evaluation.statistics import interval_text, rate
 from agent.experiments.run import run_experiment
 from agent.experiments.variants import ExperimentOptions, variants_of
-from analysis.motor.loop_options import StepTest
-from analysis.motor.step_test import simulate
-from analysis.reading.motor_test import LOOPS, rise
 from cosim.base.jobs import THREADS
 from cosim.calibration.measuring import find_calibration
 from cosim.machine.platform.motion import (
@@ -29,7 +26,7 @@ from cosim.machine.platform.motion import (
     slip_speed,
 )
 from cosim.model.config import CoSimConfig
-from cosim.model.params import FIG_3, FIG_7
+from cosim.model.params import FIG_3
 from cosim.model.scenario_file import PAPER, find_scenario
 
 ROOT = Path(__file__).parents[1]
@@ -59,19 +56,6 @@ def test_step_of_a_turn(motor_fmu):
     (step_um, speed_mm_s) = numbers(r", (\d+) µm a turn at ([\d.]+) mm/s")
     omega = find_calibration(CoSimConfig(), motor_fmu).motor_speed("forwards", 1e-3 * speed_mm_s)
     assert step_um == round(1e3 * speed_mm_s / (omega / math.tau))
-
-
-def test_response_of_the_motor(motor_fmu):
-    found = []
-    for loop in LOOPS:
-        response = simulate(motor_fmu, StepTest(), loop)
-        free = response.disturbance == 0.0
-        found.append(rise(response.time_s[free], response.omega[free], FIG_7.omega_des))
-    opened, closed = found
-    printed_ms = numbers(r"to 90 %: (\d+) ms instead of (\d+) ms")
-    assert [round(1e3 * (r.to_90_percent_s or 0.0)) for r in (closed, opened)] == printed_ms
-    printed_s = numbers(r"to 98 %: ([\d.]+) s instead of ([\d.]+) s")
-    assert [round(r.to_98_percent_s or 0.0, 2) for r in (closed, opened)] == printed_s
 
 
 def test_intervals_of_counts():

@@ -12,6 +12,7 @@ import pytest
 
 from fmus.compiler import host_target
 from fmus.models import MODELS
+from tests.alone import python
 
 pytestmark = pytest.mark.long
 ROOT = Path(__file__).parents[1]
@@ -76,20 +77,15 @@ def test_wheel_holds_every_file_of_the_packages_and_no_other(wheel):
 
 
 def test_pyright_sees_the_types_of_an_installed_wheel(wheel, tmp_path):
-    python = tmp_path / "environment" / "bin" / "python"
+    installed = tmp_path / "environment" / "bin" / "python"
     for command in (
         ["uv", "venv", "--quiet", "--python", sys.executable, tmp_path / "environment"],
-        ["uv", "pip", "install", "--quiet", "--no-deps", "--python", python, wheel],
+        ["uv", "pip", "install", "--quiet", "--no-deps", "--python", installed, wheel],
     ):
         subprocess.run(command, cwd=ROOT, check=True)
     (tmp_path / "mine.py").write_text(TYPED)
-    done = subprocess.run(
-        [sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", python, "mine.py"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    options = ("--outputjson", "--pythonpath", installed, "mine.py")
+    done = python("-m", "pyright", *options, cwd=tmp_path)
     said = json.loads(done.stdout)["generalDiagnostics"]
     types = [row["message"].split(" is ")[-1] for row in said if row["severity"] == "information"]
     expected = "GreedyPolicy", "str", "float", "float | None", "float | None", "str"
@@ -124,12 +120,12 @@ def test_installed_package_works_without_the_checkout_and_a_compiler(
     """
     environment, work = tmp_path / "environment", tmp_path / "work"
     work.mkdir()
-    python = environment / "bin" / "python"
+    interpreter = environment / "bin" / "python"
     package = packages[kind]
     # in the checkout, whose pyproject.toml has the tested versions
     for command in (
         ["uv", "venv", "--quiet", "--python", version or sys.executable, environment],
-        ["uv", "pip", "install", "--quiet", "--python", python, package],
+        ["uv", "pip", "install", "--quiet", "--python", interpreter, package],
     ):
         # FEWER for what is built from the sdist
         subprocess.run(command, cwd=ROOT, env=os.environ | FEWER, check=True)
@@ -150,7 +146,7 @@ def test_installed_package_works_without_the_checkout_and_a_compiler(
     assert recording.stat().st_size > 100_000
     size = json.loads(run(environment / "bin" / "minirobots", "web", "--json").splitlines()[-1])
     assert size["bytes"] == (work / "page.html").stat().st_size > 100_000
-    bits, outcome, *files = run(python, "-c", SESSION).split()
+    bits, outcome, *files = run(interpreter, "-c", SESSION).split()
     assert found.setdefault("bits", bits) == bits
     assert outcome == "timeout"
     assert all(Path(file).is_relative_to(environment) for file in files)

@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -30,6 +28,7 @@ from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from cosim.fmi.motor import MotorFmu
 from cosim.model.params import FIG_7, TABLE_II
+from tests.alone import rrd
 
 # The held sine is 4e-5 smaller than the sine it stands for, and the FMU integrates with RK4.
 SAME_AMPLITUDE, SAME_PHASE_DEG = 1e-4, 0.05
@@ -216,8 +215,7 @@ def test_recording_holds_what_was_simulated_and_shows_fig_7(recording, motor_fmu
 def test_the_same_test_gives_the_same_recording(recording, motor_fmu, tmp_path):
     again = tmp_path / "again.rrd"
     record(again, motor_fmu, StepTest())
-    rerun = Path(sys.executable).with_name("rerun")
-    subprocess.run([rerun, "rrd", "compare", "--unordered", recording, again], check=True)
+    assert rrd("compare", "--unordered", recording, again)
 
 
 def test_fig_7_states_the_numbers_of_the_recording(recording):

@@ -1,8 +1,6 @@
 """The default recordings in the real viewer, headless: every view draws without a complaint."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ from analysis.viewer import _tab_names, screenshot, shrink
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from minirobots.commands.recordings import Screenshot
+from tests.alone import python
 
 
 @pytest.fixture(scope="module")
@@ -21,9 +20,7 @@ def run_folder(tmp_path_factory):
     """A short run of the main command."""
     out = tmp_path_factory.mktemp("viewer") / "run"
     brief = ("--train-episodes", "20000", "--time-limit", "4", "--out", str(out))
-    subprocess.run(
-        [sys.executable, "-m", "minirobots", "run", *brief], check=True, capture_output=True
-    )
+    python("-m", "minirobots", "run", *brief, check=True)
     return out
 
 
@@ -81,14 +78,8 @@ def test_missing_drivers_end_in_a_sentence(tmp_path, monkeypatch):
     with rr.RecordingStream("test") as stream:
         stream.save(tmp_path / "a.rrd")
         stream.log("a", rr.Scalars(1.0))
-    done = subprocess.run(
-        [sys.executable, "-m", "minirobots", "screenshot", "a.rrd"],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    done = python("-m", "minirobots", "screenshot", "a.rrd", cwd=tmp_path, env=env)
     assert (done.returncode, done.stdout) == (2, "")
     errors = done.stderr.removeprefix("drawing in the viewer …\n")
     assert errors.startswith("error: the Rerun viewer does not draw (")

@@ -38,6 +38,7 @@ from cosim.recording.reader import read_rrd
 from cosim.simulation.options import Physics
 from minirobots.commands import COMMANDS, class_of
 from minirobots.runner import parse
+from tests.alone import edited
 
 SMALL = Scenario(
     "small", "", ((4, 0),), (((0, 0),),), 5, 5, robot_diameter_m=0.01, zone=(2, 2, 3, 3)
@@ -272,11 +273,7 @@ def test_model_descriptions(motor_fmu, description, tmp_path, monkeypatch, data)
         by = {"value": f'="{word}"', "attribute": "", "tag": "<Float64 ", "take": ""}
         xml = xml[: match.start()] + by.get(how, 2 * match[0]) + xml[match.end() :]
     path = tmp_path / "mine.fmu"
-    with zipfile.ZipFile(motor_fmu) as archive, zipfile.ZipFile(path, "w") as copy:
-        for name in archive.namelist():
-            if name.startswith("binaries/"):
-                copy.writestr(name, archive.read(name))
-        copy.writestr("modelDescription.xml", xml)
+    edited(motor_fmu, path, lambda name, old: xml if name == "modelDescription.xml" else old)
     one_sentence(lambda: Motor(MotorFmu(path), "m").close())
 
 

@@ -5,15 +5,14 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import minirobots.__main__
 from minirobots.commands import COMMANDS
 from minirobots.runner import print_json
+from tests.alone import python
 
 ROOT = Path(__file__).parents[2]
 # What takes long to load, and no options need.
@@ -39,11 +38,6 @@ print(json.dumps(found))
 @pytest.fixture(scope="module")
 def program(command):
     return lambda *arguments: command(minirobots.__main__, *arguments)
-
-
-def python(*arguments: str, **options) -> subprocess.CompletedProcess[Any]:
-    options = {"text": True, **options}
-    return subprocess.run([sys.executable, *arguments], capture_output=True, check=False, **options)
 
 
 def test_help_of_each_command_loads_only_what_options_need():

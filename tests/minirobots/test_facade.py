@@ -2,14 +2,12 @@
 
 import doctest
 import os
-import subprocess
-import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import minirobots as mr
+from tests.alone import python
 
 # A user's script: its folder has folders of the names of our packages, with modules of the user's.
 SCRIPT = """
@@ -19,16 +17,11 @@ print(mr.UserError.__module__, mr.__version__, agent.__file__)
 """
 
 
-def python(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=True, **options)
-
-
 def test_import_loads_nothing():
     program = (
         "import sys; before = {*sys.modules}; import minirobots; print(*{*sys.modules}-before)"
     )
-    loaded = {name.partition(".")[0] for name in python("-c", program).stdout.split()}
+    loaded = {name.partition(".")[0] for name in python("-c", program, check=True).stdout.split()}
     slow = {"agent", "analysis", "cosim", "fmus", "numpy", "numba", "tyro"}
     assert loaded.isdisjoint(slow)
 
@@ -58,7 +51,7 @@ def test_folders_of_a_user_do_not_hide_ours(tmp_path):
     (tmp_path / "script.py").write_text(SCRIPT)
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     for arguments in (["script.py"], ["-c", "import script"], ["-m", "script"]):
-        done = python(*arguments, cwd=tmp_path, env=environment)
+        done = python(*arguments, cwd=tmp_path, env=environment, check=True)
         module, version, file = done.stdout.split()
         assert (module, version) == ("cosim.base.errors", mr.__version__)
         assert not Path(file).is_relative_to(tmp_path)

@@ -13,12 +13,20 @@ import numpy as np
 from cosim.base.jit import inlined, kernel
 from cosim.model.params import MotorParams, RobotParams
 from cosim.physics.body import stepped
-from cosim.physics.body_state import NORMALS, read_body, standing_state, state_size, write_body
+from cosim.physics.body_state import (
+    NORMALS,
+    V_X,
+    W_X,
+    read_body,
+    standing_state,
+    state_size,
+    write_body,
+)
 from cosim.physics.contact import CONTACT_TOLERANCE
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.lanes import width_of
 from cosim.physics.properties import BodyParams, body_params
-from cosim.physics.rotation import Vector, plus, rotation_matrix
+from cosim.physics.rotation import Vector, dot, plus, rotation_matrix
 
 _ONE = width_of(1)
 # Of a state with three feet.
@@ -84,6 +92,47 @@ def coast(state: np.ndarray, body: BodyParams, ticks: int) -> None:
     """Advance a robot without motors by some ticks, in place, see `cosim.physics.body_state`."""
     for _ in range(ticks):
         step_body(state, body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def solved_out(params: BodyParams) -> BodyParams:
+    """Constants of a body whose contacts are iterated until their tolerance is met."""
+    return params._replace(contact=params.contact._replace(max_sweeps=20_000))
+
+
+@kernel
+def energy(state: np.ndarray, params: BodyParams) -> float:
+    """Kinetic and potential energy in J."""
+    x, i = (state[0], state[1], state[2]), params.inertia
+    v = state[V_X], state[V_X + 1], state[V_X + 2]
+    w = state[W_X], state[W_X + 1], state[W_X + 2]
+    spin = dot((i[0] * w[0], i[1] * w[1], i[2] * w[2]), w) + 2.0 * params.product * w[0] * w[1]
+    return (0.5 * dot(v, v) - dot(params.gravity, x)) / params.inverse_mass + 0.5 * spin
+
+
+@kernel
+def audit(state: np.ndarray, params: BodyParams, ticks: int) -> tuple[float, float, float, float]:
+    """Coast, and return the energy gained over all steps in J, and extremes of all feet.
+
+    These are the excess over the cone of friction, the least normal impulse, and the depth in m.
+    """
+    gained, excess, least, deepest = 0.0, 0.0, 0.0, 0.0
+    contact, count = params.contact, len(params.contact.feet)
+    before = energy(state, params)
+    for _ in range(ticks):
+        step_body(state, params, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        after = energy(state, params)
+        gained += max(0.0, after - before)
+        before = after
+        normal = rotation_matrix((state[3], state[4], state[5], state[6]))[2]
+        for x, y in contact.feet:
+            deepest = max(deepest, -state[2] - dot(normal, (x, y, contact.z)))
+        for foot in range(count):
+            first, pressed = NORMALS + count + 3 * foot, state[NORMALS + foot]
+            q = state[first], state[first + 1], state[first + 2]
+            limit = contact.mu[foot] * pressed * (1.0 + 1e-15)
+            excess = max(excess, math.sqrt(dot(q, q)) - limit)
+            least = min(least, pressed)
+    return gained, excess, least, deepest
 
 
 @kernel

@@ -3,7 +3,6 @@
 import copy
 import multiprocessing
 import pickle
-import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -25,6 +24,7 @@ from cosim.model.outcome import TIMEOUT
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.simulation.batch import Batch
+from tests.alone import edited
 
 MAKERS = {
     "single grid": lambda: envs.NavigationEnv("1a", ProcessConfig(slip_probability=0.3)),
@@ -133,11 +133,9 @@ def test_states_of_environments_with_other_options_are_refused(make, other, word
 
 
 def test_an_fmu_that_cannot_save_its_state_is_named(array_fmu, tmp_path):
+    able = b'canSerializeFMUState="true"'
     path = tmp_path / "stateless.fmu"
-    with zipfile.ZipFile(array_fmu) as archive, zipfile.ZipFile(path, "w") as edited:
-        for name in archive.namelist():
-            content = archive.read(name).replace(b'canSerializeFMUState="true"', b"")
-            edited.writestr(name, content)
+    edited(array_fmu, path, lambda _, content: content.replace(able, b""))
     batch = Batch(path, CoSimConfig(), 1, 1)
     batch.begin(0, find_scenario("1a"), ((5, 5),), np.random.SeedSequence(0))
     with pytest.raises(FmuError, match=r"stateless.fmu cannot save .*canSerializeFMUState"):

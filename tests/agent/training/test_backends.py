@@ -3,8 +3,6 @@
 import contextlib
 import os
 import signal
-import subprocess
-import sys
 import time
 from importlib import import_module
 from pathlib import Path
@@ -23,6 +21,7 @@ from cosim.base.backends import sweep
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
 from cosim.model.scenario_file import find_scenario
+from tests.alone import python
 
 EXPERIMENT = Experiment(
     find_scenario("2"), ProcessConfig(), LearningConfig(episodes=2000, greedy_points=1), 3, 4
@@ -151,7 +150,7 @@ run_command(lambda: print(dict(sweep(abs, [1, 2], Workers(jobs=2, backend="dask"
 def test_a_script_without_a_guard_is_told_of_it(tmp_path):
     path = tmp_path / "script.py"
     path.write_text(SCRIPT)
-    done = subprocess.run([sys.executable, path], capture_output=True, text=True, check=False)
+    done = python(path)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
     assert 'if __name__ == "__main__":' in done.stderr
 

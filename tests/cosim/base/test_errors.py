@@ -11,6 +11,7 @@ import pytest
 
 from cosim.base.errors import UserError, run_command, visible
 from cosim.base.table import show_texts
+from tests.alone import python, started
 
 ROOT = Path(__file__).parents[3]
 NAME = "a\x1b]0;title\x07\x1b[2J\u202eb\u2066\x9b\r\udcffä\n"
@@ -30,16 +31,9 @@ COMMANDS = {
 @pytest.mark.parametrize("name", COMMANDS)
 def test_an_interrupt_during_imports_ends_quietly(tmp_path, name, how):
     (tmp_path / "tyro.py").write_text(SLOW)
-    process = subprocess.Popen(
-        [sys.executable, *COMMANDS[name]],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"},
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "importing\n"
+    env = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    process, said = started(*COMMANDS[name], cwd=tmp_path, env=env)
+    assert said == "importing\n"
     process.send_signal(how)
     _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (-how, "")  # a shell says 130, 143
@@ -51,8 +45,7 @@ def test_an_interrupt_during_imports_ends_quietly(tmp_path, name, how):
 )
 def test_programs_keep_their_interrupts(program):
     said = "import signal; print(signal.getsignal(2) is signal.default_int_handler)"
-    command = [sys.executable, "-c", f"{program}; {said}"]
-    assert subprocess.run(command, capture_output=True, check=True).stdout == b"True\n"
+    assert python("-c", f"{program}; {said}", check=True).stdout == "True\n"
 
 
 def test_an_ignored_interrupt_stays_ignored():

@@ -1,14 +1,12 @@
 """Compiled kernels in the cache: found again, and compiled again where they are damaged."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
 from cosim.base.jit import digest_of_sources, inlined, is_compiled, kernel
 from cosim.base.storage import CACHE
+from tests.alone import python
 
 
 def halved(value):
@@ -124,6 +122,5 @@ except KeyboardInterrupt:
 def test_an_interrupt_within_the_compiler_is_not_lost(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(INTERRUPTED)
-    command = [sys.executable, str(script)]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    ended = python(script)
     assert (ended.returncode, ended.stderr) == (130, "")

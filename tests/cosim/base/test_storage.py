@@ -5,8 +5,6 @@ import logging
 import os
 import re
 import signal
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -14,6 +12,7 @@ import pytest
 
 from cosim.base.errors import FileError
 from cosim.base.storage import cached, replacing, require_suffix, write_json
+from tests.alone import python, started
 from tests.faults.test_disks import powerless as without_power
 
 KEPT = "kept"
@@ -38,7 +37,10 @@ def test_what_is_in_the_cache_is_not_made_again(tmp_path, caplog):
     for _ in range(2):
         assert from_cache(tmp_path / "file", made) == KEPT
     assert made == [KEPT]
-    assert not caplog.records
+    (tmp_path / "file").unlink()
+    assert from_cache(tmp_path / "file", made) == KEPT
+    assert made == [KEPT] * 2
+    assert not caplog.records  # nothing was damaged
 
 
 @pytest.mark.parametrize(
@@ -50,6 +52,7 @@ def test_what_is_in_the_cache_is_not_made_again(tmp_path, caplog):
         lambda p: p.write_bytes(b"kepu"),
         lambda p: p.write_bytes(b"[]"),
         lambda p: p.with_name("file.sha256").write_bytes(b"\xff"),
+        lambda p: p.with_name("file.sha256").write_text("0"),
         lambda p: p.with_name("file.sha256").unlink(),
     ],
 )
@@ -77,8 +80,7 @@ def test_a_file_that_may_not_be_read_is_made_again():
         "get(); path.chmod(0); get()"
     )
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-c", script, folder]
-        run = subprocess.run(command, capture_output=True, text=True, check=False)
+        run = python("-c", script, folder)
     assert run.stdout == "made\nmade\n", run.stderr
 
 
@@ -108,14 +110,9 @@ def test_a_cache_that_cannot_be_written_is_used_as_far_as_it_goes(tmp_path):
     script.write_text(USED.replace("NUMBER", "2.5"))
 
     def use(*arguments, folder=cache, powerless=True):
-        done = subprocess.run(
-            [sys.executable, script, *arguments],
-            capture_output=True,
-            text=True,
-            check=False,
-            env=os.environ | {"MINIROBOTS_CACHE": str(folder)},
-            preexec_fn=without_power if powerless else None,
-        )
+        env = os.environ | {"MINIROBOTS_CACHE": str(folder)}
+        prepare = without_power if powerless else None
+        done = python(script, *arguments, env=env, preexec_fn=prepare)
         return done.returncode, done.stdout, done.stderr
 
     assert use("a", "1", powerless=False) == (0, "x\n2.5\n", "")
@@ -138,8 +135,7 @@ def test_a_user_without_a_home_folder_is_told_of_the_variable():
         "run_command(lambda: print(lock_of(cache_dir('bounds') / 'a')))"
     )
     env = {k: v for k, v in os.environ.items() if k not in ("HOME", "MINIROBOTS_CACHE")}
-    command = [sys.executable, "-c", script]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=env)
+    done = python("-c", script, env=env)
     assert (done.returncode, done.stdout) == (2, "")
     assert re.fullmatch(r"error: .*/bounds: .* set MINIROBOTS_CACHE .*\n", done.stderr)
 
@@ -164,14 +160,8 @@ def writer(path, what):
         f"        {what}\n"
         "run_command(main)"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", script, str(path)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "writing\n"
+    process, said = started("-c", script, path)
+    assert said == "writing\n"
     return process
 
 
@@ -226,14 +216,8 @@ def holder(temporary):
         "import time; from cosim.base.storage import temporary_folder;"
         "folder = temporary_folder(); print(folder.name, flush=True); time.sleep(60)"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", script],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"TMPDIR": str(temporary)},
-    )
-    assert process.stdout is not None
-    return process, Path(process.stdout.readline().strip()).parent
+    process, said = started("-c", script, env=os.environ | {"TMPDIR": str(temporary)})
+    return process, Path(said.strip()).parent
 
 
 def test_folders_of_killed_processes_are_swept_and_nothing_else(tmp_path):
@@ -312,12 +296,7 @@ def test_files_are_written_without_what_only_posix_systems_have(tmp_path):
     held = tmp_path / "minirobots-tmp-held"  # perhaps in use: nothing tells without locks
     held.mkdir()
     os.utime(held, (0, 0))
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", WITHOUT_POSIX],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"TMPDIR": str(tmp_path)},
-    )
+    env = os.environ | {"TMPDIR": str(tmp_path)}
+    done = python("-W", "ignore", "-c", WITHOUT_POSIX, env=env)
     assert (done.stdout, done.stderr) == ("[1]\n True\n", "")
     assert held.exists()

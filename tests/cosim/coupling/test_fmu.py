@@ -1,7 +1,6 @@
 """Loading, checking and refusing motor FMUs."""
 
 import re
-import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
@@ -20,7 +19,7 @@ from cosim.fmi.motor import Motor, MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II, TIMING
 from cosim.model.scenario_file import find_scenario
-from tests.alone import CoSimulation
+from tests.alone import CoSimulation, edited
 
 EQUAL = ((TABLE_II, TABLE_II),) * 2  # motors of two robots
 
@@ -70,13 +69,7 @@ def test_threads_load_fmus_without_moving_the_process(motor_fmu):
 
 def without(original, path, left_out, content=None):
     """A copy of an archive in which what begins with a name is left out, or has other content."""
-    with zipfile.ZipFile(original) as archive, zipfile.ZipFile(path, "w") as copy:
-        for name in archive.namelist():
-            if not name.startswith(left_out):
-                copy.writestr(name, archive.read(name))
-            elif content is not None:
-                copy.writestr(name, content)
-    return path
+    return edited(original, path, lambda name, old: content if name.startswith(left_out) else old)
 
 
 @pytest.mark.parametrize(

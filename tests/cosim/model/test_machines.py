@@ -15,16 +15,6 @@ FEET = "".join(
 )
 
 
-@pytest.fixture
-def written(tmp_path):
-    def write(text: str) -> str:
-        file = tmp_path / "mine.toml"
-        file.write_text(text, "utf-8")
-        return str(file)
-
-    return write
-
-
 def test_motors_and_feet_are_those_of_the_file(written):
     robot = find_preset(written(MOTOR + MOTOR.replace("axis", "r = 0.002\naxis") + FEET)).config()
     first, second = robot.robot.motors

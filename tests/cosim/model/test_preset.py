@@ -30,16 +30,6 @@ mass_kg = "weighed"
 """
 
 
-@pytest.fixture
-def written(tmp_path):
-    def write(text: str) -> str:
-        path = tmp_path / "mine.toml"
-        path.write_text(text, encoding="utf-8")
-        return str(path)
-
-    return write
-
-
 def test_built_in_machines_state_what_is_published():
     assert built_in() == ["paper", "droplet", "icra2006", "kilobot", "thesis"]
     assert find_preset("paper").config() == CoSimConfig()
@@ -64,7 +54,8 @@ def test_a_file_says_what_differs_and_where_it_is_from(written):
 
 
 def test_a_light_machine_needs_no_other_steering(written):
-    assert find_preset(written("[body]\nmass_kg = 0.03")).config().lift_off_rad_s < 700.0
+    file = written("[body]\nmass_kg = 0.03")
+    assert find_preset(str(file)).config().lift_off_rad_s < 700.0
 
 
 def test_saved_and_read_again(written, tmp_path):
@@ -148,10 +139,6 @@ def test_a_stated_size_is_kept_where_it_is_that_of_the_paper(written):
         ("[motor]\nr = 0", "r = 0 is invalid: expected float > 0"),
         ("[body]\nmu = nan", "mu = nan is invalid"),
         ("[body]\nfoot_radius_m = 0.03", "foot_radius_m = 0.03 lies outside"),
-        (
-            "[world]\nrestitution = 2",
-            "world.restitution = 2 is invalid: expected float <= 1.0; give 0 to 1",
-        ),
         ("[world.sensor]\ndelay_ms = 2", "world.sensor.delay_ms has no effect without a camera"),
         ("body = 3", "body = 3 is invalid: expected table"),
         ("[body]\nsource = 3", "body.source = 3 is invalid: expected str"),

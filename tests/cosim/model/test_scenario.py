@@ -20,16 +20,6 @@ starts = "top"
 """
 
 
-@pytest.fixture
-def scenario_file(tmp_path):
-    def write(text):
-        path = tmp_path / "mine.toml"
-        path.write_text(text)
-        return path
-
-    return write
-
-
 def test_starts_and_targets_of_the_paper():
     assert list(PAPER) == ["1a", "1b", "2", "3", "4"]
     assert [len(cells) for s in map(find_scenario, PAPER) for cells in s.starts] == [30, 116] + [
@@ -81,14 +71,14 @@ def test_digest_tells_geometry_and_not_names():
     assert renamed.digest() == base.digest()
 
 
-def test_minimal_file_is_scenario_1a(scenario_file):
-    scenario = find_scenario(scenario_file(MINIMAL))
+def test_minimal_file_is_scenario_1a(written):
+    scenario = find_scenario(written(MINIMAL))
     assert scenario.digest() == find_scenario("1a").digest()
     assert scenario.name == "mine"
 
 
-def test_full_file(scenario_file):
-    path = scenario_file("""
+def test_full_file(written):
+    path = written("""
 name = "maze"
 title = "a maze"
 columns = 20
@@ -114,14 +104,14 @@ starts = "right"
     assert maze.zone == (8, 4, 11, 7)
 
 
-def test_the_documented_examples_are_usable(scenario_file):
+def test_the_documented_examples_are_usable(written):
     assert find_scenario(EXAMPLE).robots == 4
     page = (EXAMPLE.parents[1] / "scenarios.md").read_text()
-    gate = find_scenario(scenario_file(page.split("```toml")[1].split("```")[0]))
+    gate = find_scenario(written(page.split("```toml")[1].split("```")[0]))
     assert gate.robots == 2
     assert gate.walls.tolist() == [[0, 9, 8, 10], [16, 9, 24, 10]]
     swarm = (EXAMPLE.parents[1] / "groups.md").read_text().split("```toml")[1].split("```")[0]
-    assert find_scenario(scenario_file(swarm)).robots == 256
+    assert find_scenario(written(swarm)).robots == 256
 
 
 @pytest.mark.parametrize(
@@ -149,9 +139,9 @@ def test_the_documented_examples_are_usable(scenario_file):
         (MINIMAL + MINIMAL.replace("18]", "21]"), "3.0 cm apart"),
     ],
 )
-def test_wrong_files_are_refused_with_the_field(scenario_file, text, message):
+def test_wrong_files_are_refused_with_the_field(written, text, message):
     with pytest.raises(UserError, match=message):
-        find_scenario(scenario_file(text))
+        find_scenario(written(text))
 
 
 def test_missing_file_and_unknown_name(tmp_path):

@@ -11,12 +11,6 @@ from cosim.model.swarm import FORMATIONS
 from cosim.onboard.observing import draw_starts
 
 
-def scenario(folder, text):
-    path = folder / "many.toml"
-    path.write_text(text)
-    return find_scenario(path)
-
-
 @pytest.mark.parametrize("name", SWARMS)
 def test_built_in_swarms_have_one_density(name):
     found = find_scenario(name)
@@ -28,21 +22,21 @@ def test_built_in_swarms_have_one_density(name):
 @pytest.mark.parametrize("robots", [1, 2, 7, 70])
 @pytest.mark.parametrize("formation", FORMATIONS)
 @pytest.mark.parametrize("spacing", [6, 7, 12])
-def test_no_robot_begins_in_the_target_of_another(tmp_path, robots, formation, spacing):
+def test_no_robot_begins_in_the_target_of_another(written, robots, formation, spacing):
     text = f'[swarm]\nrobots = {robots}\nspacing = {spacing}\ntargets = "{formation}"'
     if formation == "square" and spacing < 7:
         text = text.replace("spacing = 6", "spacing = 8")
-    found = scenario(tmp_path, text)
+    found = find_scenario(written(text))
     assert not {cell for cells in found.starts for cell in cells} & set(found.targets)
 
 
-def test_targets_come_from_a_file_or_a_list(tmp_path):
-    (tmp_path / "cells.csv").write_text("1,2\n30,4\n")
+def test_targets_come_from_a_file_or_a_list(written):
+    written("1,2\n30,4\n", "cells.csv")
     text = 'columns = 40\nrows = 40\n[swarm]\nrobots = 2\ntargets = "cells.csv"'
-    by_file = scenario(tmp_path, text)
+    by_file = find_scenario(written(text))
     assert by_file.targets == ((1, 2), (30, 4))
     text = "columns = 40\nrows = 40\n[swarm]\nrobots = 2\ntargets = [[1, 2], [30, 4]]"
-    assert scenario(tmp_path, text).digest() == by_file.digest()
+    assert find_scenario(written(text)).digest() == by_file.digest()
 
 
 @pytest.mark.parametrize(
@@ -63,8 +57,8 @@ def test_targets_come_from_a_file_or_a_list(tmp_path):
         ("columns = 30", r"robots: give a table \[\[robots\]\] for each robot, or one table"),
     ],
 )
-def test_what_cannot_be_is_refused_by_name(tmp_path, text, message):
-    (tmp_path / "one.csv").write_text("1\n2\n3\n4\n")
-    (tmp_path / "three.csv").write_text("1,2\n3,4,5\n6\n")
+def test_what_cannot_be_is_refused_by_name(written, text, message):
+    written("1\n2\n3\n4\n", "one.csv")
+    written("1,2\n3,4,5\n6\n", "three.csv")
     with pytest.raises(UserError, match=message):
-        scenario(tmp_path, text)
+        find_scenario(written(text))

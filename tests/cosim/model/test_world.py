@@ -106,19 +106,9 @@ rate_hz = 30
 """
 
 
-@pytest.fixture
-def write(tmp_path):
-    def written(name, text):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return written
-
-
 @pytest.mark.parametrize("mark", ["", "\ufeff"])  # with which editors on Windows begin files
-def test_a_scenario_may_have_a_world(write, mark):
-    scenario, world = find_in_world(write("own.toml", mark + SCENARIO + WORLD))
+def test_a_scenario_may_have_a_world(written, mark):
+    scenario, world = find_in_world(written(mark + SCENARIO + WORLD, "own.toml"))
     assert world.mu == 0.2
     assert world.mu_patches == (Patch((0, 0, 9, 9), 0.1),)
     assert world.sensor == Sensor(rate_hz=30.0)
@@ -126,10 +116,10 @@ def test_a_scenario_may_have_a_world(write, mark):
     assert scenario.blocks(2 * 15 + 1, 2 * 11 + 1)
 
 
-def test_a_world_file_goes_with_any_scenario(write):
-    path = write("world.toml", WORLD)
-    own, _ = find_in_world(write("own.toml", SCENARIO + WORLD))
-    beside, world = find_in_world(write("own2.toml", SCENARIO), path)
+def test_a_world_file_goes_with_any_scenario(written):
+    path = written(WORLD, "world.toml")
+    own, _ = find_in_world(written(SCENARIO + WORLD, "own.toml"))
+    beside, world = find_in_world(written(SCENARIO, "own2.toml"), path)
     assert beside.digest() == own.digest()
     assert world.mu == 0.2
     assert find_in_world("4") == (find_scenario("4"), IDEAL)
@@ -150,13 +140,13 @@ def test_a_world_file_goes_with_any_scenario(write):
         ("[world", "not a TOML file"),
     ],
 )
-def test_what_is_wrong_is_named(write, world, said):
+def test_what_is_wrong_is_named(written, world, said):
     with pytest.raises(UserError, match=said):
-        find_in_world("2", write("world.toml", world))
+        find_in_world("2", written(world, "world.toml"))
 
 
-def test_two_worlds_are_refused(write):
-    own, other = write("own.toml", SCENARIO + WORLD), write("world.toml", WORLD)
+def test_two_worlds_are_refused(written):
+    own, other = written(SCENARIO + WORLD, "own.toml"), written(WORLD, "world.toml")
     with pytest.raises(UserError, match="a world of its own in addition to"):
         find_in_world(own, other)
 
@@ -166,9 +156,9 @@ def test_a_missing_file_is_named(tmp_path):
         find_in_world("2", tmp_path / "none.toml")
 
 
-def test_a_world_that_would_have_no_effect_is_refused(write):
+def test_a_world_that_would_have_no_effect_is_refused(written):
     obstacles = "\n[world]\nobstacles = [[14, 10]]\n"
-    walled = find_scenario(write("walled.toml", SCENARIO + obstacles), ideal=True)
+    walled = find_scenario(written(SCENARIO + obstacles, "walled.toml"), ideal=True)
     assert (14, 10) in walled.obstacles
     with pytest.raises(UserError, match="has no effect here, but for obstacles"):
-        find_scenario(write("own.toml", SCENARIO + WORLD), ideal=True)
+        find_scenario(written(SCENARIO + WORLD, "own.toml"), ideal=True)

@@ -9,6 +9,7 @@ import pytest
 from cosim.model.params import SHIELD
 from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.tasks import Task, simulate_tasks
+from tests.references.colliding import Random
 
 WORLD = Path(__file__).parents[3] / "docs" / "examples" / "rough.toml"
 
@@ -22,14 +23,6 @@ STARTS = (
     ((24, 13), (22, 5)),
     ((12, 8), (18, 22)),
 )
-
-
-class Wandering:
-    def __init__(self, seed):
-        self.rng = np.random.default_rng(seed)
-
-    def act(self, observation):
-        return self.rng.integers(8, size=len(observation.cells))
 
 
 def variances(covariance):
@@ -61,8 +54,9 @@ def test_errors_across_patches_are_those_of_the_filter():
         together.append((between / np.sqrt(variance.sum(axis=1))).max())
 
     tasks = [
-        Task(scenario, fmu, config, Wandering(k), starts, np.random.SeedSequence(k), watch=watch)
+        Task(scenario, fmu, config, Random(rng), starts, np.random.SeedSequence(k), watch=watch)
         for k, starts in enumerate(STARTS)
+        for rng in [np.random.default_rng(k)]
     ]
     assert len(list(simulate_tasks(tasks, 1))) == len(STARTS)
     assert (on_patch > 10_000).all()  # 10 s of robots, or more

@@ -8,10 +8,11 @@ import pytest
 
 from cosim.model.scenario import Scenario
 from cosim.model.world import Sensor, World
-from cosim.onboard.features import DIRECTION_COUNT, Observation
+from cosim.onboard.features import DIRECTION_COUNT
 from cosim.physics.draws import draw_world
 from cosim.simulation.options import SimulationOptions
 from cosim.simulation.tasks import Task, simulate_tasks
+from tests.alone import Constant
 
 EPISODES = 200
 STEEP = World(mu=0.15, floor_tilt_deg=4.0, sensor=Sensor(10.0, 200.0, 3.0, 4.0))
@@ -39,16 +40,6 @@ CORNER = Scenario(
 )  # fmt: skip
 
 
-class Constant:
-    """Each robot in its direction, always."""
-
-    def __init__(self, directions: np.ndarray) -> None:
-        self._directions = directions
-
-    def act(self, observation: Observation) -> np.ndarray:
-        return self._directions
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("case", WORLDS)
 def test_shielded_robots_neither_touch_nor_leave_the_board(case):
@@ -72,7 +63,7 @@ def test_shielded_robots_neither_touch_nor_leave_the_board(case):
             directions[:] = round(slope_deg / 45.0) % DIRECTION_COUNT
         if case == "corner":
             directions[:] = 1
-        policy = Constant(directions)
+        policy = Constant(*directions)
         tasks.append(Task(scenario, fmu, config, policy, starts, seed))
     results = [result for _, result in simulate_tasks(tasks, 1)]
     outcomes = Counter(result.outcome.name for result in results)

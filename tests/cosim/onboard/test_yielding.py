@@ -72,44 +72,24 @@ def test_yielding_never_leads_off_the_board():
             assert DIRECTIONS[allowed, 0] >= 0
 
 
-class Straight:
-    """Drives every robot straight at its target, even if another robot is there."""
-
-    def act(self, observation):
-        offsets = np.array(FACING.targets) - observation.cells
-        return np.round(np.arctan2(offsets[:, 1], offsets[:, 0]) / (math.pi / 4)).astype(int) % 8
-
-
-class HeadOn:
-    """Drives both robots at each other, whatever happens."""
-
-    def act(self, observation):
-        return np.array([0, 4])
-
-
-def drive(motor_fmu, config, policy=None):
-    system, _ = alone.drive(FACING, motor_fmu, policy or Straight(), config)
-    return system, system.episode.outcome
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("shield", [False, True])
-def test_robots_that_would_collide_do_not_with_the_shield(motor_fmu, shield):
-    system, outcome = drive(motor_fmu, CoSimConfig(shield=SHIELD if shield else None))
+def test_robots_that_would_collide_do_not_with_the_shield(motor_fmu, straight_policy, shield):
+    config = CoSimConfig(shield=SHIELD if shield else None)
+    system, _ = alone.drive(FACING, motor_fmu, straight_policy(FACING.targets), config)
     assert (system.episode.conflicts > 0) == shield
+    assert (system.episode.outcome == "collision") == (not shield)
     if shield:
-        assert outcome != "collision"
         assert system.episode.measures.min_distance_m > FACING.diameter_m
-    else:
-        assert outcome == "collision"
 
 
 def test_the_monitor_alone_keeps_robots_apart(motor_fmu, monkeypatch):
     """When nobody yields they meet, and are parted, again and again."""
     monkeypatch.setattr(rules, "adopt", lambda r, s, m, wanted, _: adopt(r, s, m, wanted, None))
     timing = TIMING._replace(episode_limit_s=30.0)
-    system, outcome = drive(motor_fmu, CoSimConfig(shield=SHIELD, timing=timing), HeadOn())
-    assert outcome == "timeout"
+    config = CoSimConfig(shield=SHIELD, timing=timing)
+    system, _ = alone.drive(FACING, motor_fmu, alone.Constant(E, W), config)
+    assert system.episode.outcome == "timeout"
     assert system.episode.shield_stops >= 2
     assert system.episode.measures.min_distance_m > FACING.diameter_m
 

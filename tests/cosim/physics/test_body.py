@@ -7,7 +7,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cosim.base.jit import kernel
 from cosim.model.params import TABLE_I, TABLE_II, TIMING, cylinder_inertia
 from cosim.physics.body_state import (
     ANGULAR_VELOCITY,
@@ -17,8 +16,8 @@ from cosim.physics.body_state import (
     standing_state,
 )
 from cosim.physics.properties import BodyParams, body_params
-from cosim.physics.rotation import dot, heading, rotation_matrix
-from tests.references.prescribed import NORMAL_IMPULSE, coast, step_body
+from cosim.physics.rotation import heading, rotation_matrix
+from tests.references.prescribed import NORMAL_IMPULSE, audit, coast, energy, solved_out
 
 DT, G, MU, M = TIMING.dt_s, TABLE_II.g, TABLE_I.mu, TABLE_I.mass_kg
 LEVEL = body_params(TABLE_I, TABLE_II, DT)
@@ -33,37 +32,6 @@ def tilted(angle: float, towards: float) -> BodyParams:
 
 def standing(x_m: float = 0.0, y_m: float = 0.0) -> np.ndarray:
     return standing_state(TABLE_I, x_m, y_m, 0.0)
-
-
-@kernel
-def energy(state: np.ndarray, params: BodyParams) -> float:
-    """Kinetic and potential energy in J."""
-    v, w = (state[7], state[8], state[9]), (state[10], state[11], state[12])
-    spin = (params.inertia[0] * w[0], params.inertia[1] * w[1], params.inertia[2] * w[2])
-    x = (state[0], state[1], state[2])
-    return (0.5 * dot(v, v) - dot(params.gravity, x)) / params.inverse_mass + 0.5 * dot(spin, w)
-
-
-@kernel
-def audit(state: np.ndarray, params: BodyParams, ticks: int) -> tuple[float, float, float, float]:
-    """Energy gained over all steps in J, and extremes: excess over the cone, impulse and depth."""
-    gained, excess, least, deepest = 0.0, 0.0, 0.0, 0.0
-    contact = params.contact
-    before = energy(state, params)
-    for _ in range(ticks):
-        step_body(state, params, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        after = energy(state, params)
-        gained += max(0.0, after - before)
-        before = after
-        normal = rotation_matrix((state[3], state[4], state[5], state[6]))[2]
-        for x, y in contact.feet:
-            deepest = max(deepest, -state[2] - dot(normal, (x, y, contact.z)))
-        for i in range(3):
-            q = (state[16 + 3 * i], state[17 + 3 * i], state[18 + 3 * i])
-            limit = contact.mu[i] * state[13 + i] * (1.0 + 1e-15)
-            excess = max(excess, math.sqrt(dot(q, q)) - limit)
-            least = min(least, state[13 + i])
-    return gained, excess, least, deepest
 
 
 def angular_momentum(state: np.ndarray, params: BodyParams) -> np.ndarray:
@@ -202,8 +170,7 @@ def test_halving_the_step_halves_the_error_of_a_landing():
     """First order where feet land and stick, which bounds the order of the whole."""
 
     def end(dt: float) -> np.ndarray:
-        params = body_params(TABLE_I, TABLE_II, dt, tolerance=1e-8)
-        params = params._replace(contact=params.contact._replace(max_sweeps=10_000))
+        params = solved_out(body_params(TABLE_I, TABLE_II, dt, tolerance=1e-8))
         state = standing()
         state[VELOCITY] = 0.05, 0.02, 0.0
         state[ANGULAR_VELOCITY] = 0.3, 0.0, 2.0
@@ -236,9 +203,9 @@ def test_motors_off_friction_holds_its_cone_and_no_energy_is_gained(
     does so without friction. With the default tolerance the unsolved share of the impulses works
     at the speed it leaves at the feet: 2e-10 J in 900 random throws.
     """
-    exact = body_params(TABLE_I._replace(mu=mu), TABLE_II, DT, tolerance=1e-9)
-    exact = exact._replace(contact=exact.contact._replace(max_sweeps=20_000))
-    usual = body_params(TABLE_I._replace(mu=mu), TABLE_II, DT)
+    robot = TABLE_I._replace(mu=mu)
+    exact = solved_out(body_params(robot, TABLE_II, DT, tolerance=1e-9))
+    usual = body_params(robot, TABLE_II, DT)
     for params, bound in ((exact, 1e-12), (usual, 1e-9)):
         state = standing()
         q = np.array([1.0, tilt[0] / 2.0, tilt[1] / 2.0, 0.0])

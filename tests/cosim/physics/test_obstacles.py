@@ -74,12 +74,6 @@ def test_walls_are_the_obstacles(obstacles):
     assert sorted(covered) == sorted(set(obstacles))
 
 
-def test_a_rectangle_is_one_wall():
-    rectangle = tuple(product(range(3, 9), range(5, 7)))
-    scenario = Scenario("o", "", ((20, 20),), (((29, 29),),), obstacles=rectangle)
-    assert scenario.walls.tolist() == [[3, 5, 9, 7]]
-
-
 @pytest.mark.parametrize(("diameter_m", "cell_m"), [(0.05, 0.01), (0.07, 0.01), (0.03, 0.006)])
 def test_no_rounding_decides_on_the_grid(diameter_m, cell_m):
     """A gap of exactly the radius is a contact, of robots (a diameter) and of obstacles."""

@@ -24,7 +24,7 @@ from cosim.physics.mass import mass_of
 from cosim.physics.properties import MU, BodyParams, body_params, feel_patches
 from cosim.physics.properties import properties_of as column_of
 from cosim.physics.rotation import rotation_matrix
-from tests.references.prescribed import NORMAL_IMPULSE, coast, step_body
+from tests.references.prescribed import NORMAL_IMPULSE, coast, energy, solved_out, step_body
 
 DT, G = TIMING.dt_s, TABLE_II.g
 HEAVY = World(payload_g=20.0, payload_offset_mm=(8.0, -5.0))
@@ -34,10 +34,6 @@ def standing(height_m: float = 0.0) -> np.ndarray:
     state = standing_state(TABLE_I, 0.1, 0.2, 0.0)
     state[2] += height_m
     return state
-
-
-def solved_out(params: BodyParams) -> BodyParams:
-    return params._replace(contact=params.contact._replace(max_sweeps=20_000))
 
 
 @kernel
@@ -50,19 +46,15 @@ def highest(state: np.ndarray, params: BodyParams, ticks: int) -> float:
 
 
 @kernel
-def sum_of_gains(state: np.ndarray, params: BodyParams, ticks: int, energies: np.ndarray) -> None:
-    for k in range(ticks):
-        v, w = state[7:10], state[10:13]
-        energies[k] = (0.5 * (v * v).sum() - params.gravity[2] * state[2]) / params.inverse_mass
-        for i in range(3):
-            energies[k] += 0.5 * params.inertia[i] * w[i] * w[i]
-        energies[k] += params.product * w[0] * w[1]
+def fill_energies(state: np.ndarray, params: BodyParams, energies: np.ndarray) -> None:
+    for k in range(len(energies)):
+        energies[k] = energy(state, params)
         step_body(state, params, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def energies_of(state: np.ndarray, params: BodyParams, ticks: int) -> np.ndarray:
     energies = np.empty(ticks)
-    sum_of_gains(state, params, ticks, energies)
+    fill_energies(state, params, energies)
     return energies
 
 

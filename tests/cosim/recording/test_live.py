@@ -19,7 +19,7 @@ from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
 from minirobots.commands.episodes import Run
-from tests.alone import rrd
+from tests.alone import rrd, started
 
 RERUN = Path(sys.executable).with_name("rerun")
 
@@ -137,12 +137,9 @@ run_command(main)
 def test_frozen_viewer_does_not_hold_the_command_up(server, tmp_path):
     url, _, end = server
     path = tmp_path / "episode.rrd"
-    command = [sys.executable, "-c", FROZEN, str(path), url]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as writer:
-        assert writer.stdout is not None
-        assert writer.stdout.readline() == "sent\n"
+    writer, said = started("-c", FROZEN, path, url)
+    with writer:
+        assert said == "sent\n"
         end(signal.SIGSTOP)
         try:
             _, errors = writer.communicate(timeout=300.0)

@@ -24,7 +24,7 @@ from cosim.recording.series import with_bursts
 from cosim.simulation.batch import Batch, chosen_driver
 from cosim.simulation.tasks import Task, simulate_tasks
 from docs.examples.draw_machine import machine
-from tests.alone import same
+from tests.alone import Constant, same
 
 EAST, NORTH, WEST, SOUTH = 0, 2, 4, 6
 LARGE = Scenario("large", "", ((5, 20), (20, 20)), (((5, 5),), ((20, 5),)))
@@ -34,21 +34,11 @@ SMALL = Scenario("small", "", TARGETS, STARTS, 20, 20, zone=(0, 0, 0, 0), obstac
 ONE = Scenario("one", "", ((5, 5),), (((15, 15),),))
 
 
-class Constant:
-    """Drives every robot the same way for ever."""
-
-    def __init__(self, *directions: int) -> None:
-        self._directions = np.array(directions)
-
-    def act(self, observation):
-        return self._directions
-
-
-# scenario, starts, directions; the second one leaves the board within seconds
+# scenario, starts, directions; within seconds the second one leaves the board, the third collides
 EPISODES = [
     (LARGE, ((5, 5), (20, 5)), (NORTH, NORTH)),
     (SMALL, ((4, 0), (14, 4)), (SOUTH, NORTH)),
-    (LARGE, ((5, 5), (12, 5)), (NORTH, SOUTH)),
+    (LARGE, ((5, 5), (5, 11)), (NORTH, SOUTH)),
     (SMALL, ((4, 4), (14, 10)), (NORTH, NORTH)),
 ]
 
@@ -87,6 +77,7 @@ def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, requ
     found: dict[int, list] = {number: [] for number in range(4)}
     for place, number in held.items():
         begin(place, number)
+    ended = np.empty(0)
     for _ in range(4):
         actions = {place: np.array(EPISODES[held[place]][2]) for place in batch.going_on()}
         for place, step in batch.advance(actions).items():
@@ -94,9 +85,13 @@ def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, requ
             if step.outcome and 3 not in held.values():
                 held[place] = 3
                 begin(place, 3)
+            elif step.outcome:
+                ended = batch.state.bodies[:, 4:6].copy()
+    assert np.array_equal(batch.state.bodies[:, 4:6], ended)  # nothing moves after its end
     batch.close()
-    assert found[1][-1].outcome == "out_of_board"
-    assert len(found[3]) > 1  # begun where that ended
+    outcomes = [found[number][-1].outcome for number in range(4)]
+    assert outcomes == ["", "out_of_board", "collision", ""]
+    assert len(found[3]) > 1  # begun where the second one ended
     for number, steps in found.items():
         expected = simulated(path, configs[number], number=number, steps=len(steps))
         for ours, theirs in zip(steps, expected, strict=True):
@@ -142,7 +137,7 @@ def test_results_do_not_depend_on_threads_or_places(array_fmu):
         assert [replace(r, realtime_factor=0.0) for r in others] == [
             replace(r, realtime_factor=0.0) for r in together
         ]
-    assert {r.outcome for r in together} == {"out_of_board", "timeout"}
+    assert {r.outcome for r in together} == {"out_of_board", "collision", "timeout"}
 
 
 WORLDS = [

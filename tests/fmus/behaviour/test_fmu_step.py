@@ -1,12 +1,11 @@
 """The benchmark of an exchange: it runs, compares equal work, and the driver is as fast as said."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 
 from benchmarks import __main__ as benchmarks
+from tests.alone import python
 
 
 def test_all_drivers_give_the_same_bits_and_are_timed(command):
@@ -19,8 +18,7 @@ def test_all_drivers_give_the_same_bits_and_are_timed(command):
 
 @pytest.mark.slow
 def test_the_calls_cost_little_more_than_inlined_equations_and_far_less_than_python():
-    command = [sys.executable, "-m", "benchmarks", "fmu-step", "--json"]
-    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    result = json.loads(output.splitlines()[-1])
+    done = python("-m", "benchmarks", "fmu-step", "--json", check=True)
+    result = json.loads(done.stdout.splitlines()[-1])
     assert result["ratio_compiled_to_inlined"] <= 2.2
     assert result["ratio_fmpy_to_compiled"] >= 80.0

@@ -205,16 +205,20 @@ def test_no_instance_is_an_error_and_no_crash(libraries, model):
 
 
 def test_rollback_repeats_the_same_bits_also_in_another_instance(instance, kind):
-    motor, other = instance(kind).start(omega_des=700.0, J=3e-9), instance(kind)
-    assert motor.do_step(0.0, 0.05) == OK
+    """With its inputs, its parameters, and the time that its steps owe: 6e-12 s of each."""
+    step_s, values = STEP_S * (1.0 + 6e-7), {"omega_des": 700.0, "omega_noise": 5.0, "d": 1e-6}
+    motor, other = instance(kind).start(J=4e-9, **values), instance(kind)
+    for k in range(101):
+        assert motor.do_step(k * step_s, step_s) == OK
     saved, ends = motor.save(), []
     for each in (motor, motor, other):
         assert each.load(saved) == OK
         assert each.save() == saved
-        for k in range(50):
-            assert each.do_step(0.05 + k * 1e-3, 1e-3) == OK
-        ends.append(each.save())
-    assert ends[0] == ends[1] == ends[2] != saved
+        for k in range(101, 151):
+            assert each.do_step(k * step_s, step_s) == OK
+        ends.append((each.save(), each.get("theta", "omega", "V_s", "i", *values, "J")))
+    assert ends[0] == ends[1] == ends[2]
+    assert ends[0][0] != saved
 
 
 def test_defaults_are_those_of_the_paper(instance, kind):

@@ -93,17 +93,3 @@ def test_other_sound_values_are_accepted(instance, fmi):
         assert motor.load(motor.with_field(motor.save(), name, value)) == OK, motor.messages
     assert motor.get("theta", "omega", "time") == [3.0, 200.0, 5.0]
     assert motor.do_step(5.0, 1e-5) == OK
-
-
-def test_a_restored_motor_goes_on_as_the_saved_one(instance, fmi):
-    """With its inputs, its parameters, and the time that its steps owe: 6e-12 s of each."""
-    step_s, values = 1e-5 * (1.0 + 6e-7), {"omega_des": 700.0, "omega_noise": 5.0, "d": 1e-6}
-    saved, restored = instance(fmi).start(J=4e-9, **values), instance(fmi).start()
-    for k in range(101):
-        assert saved.do_step(k * step_s, step_s) == OK
-    assert restored.load(saved.save()) == OK
-    names = ("theta", "omega", "V_s", "i", *values, "J")
-    for k in range(101, 105):
-        assert saved.do_step(k * step_s, step_s) == restored.do_step(k * step_s, step_s) == OK
-        assert saved.save() == restored.save()
-        assert saved.get(*names) == restored.get(*names)
