@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 from scipy.optimize import root_scalar
 
+from cosim.base.errors import UserError
 from cosim.machine.platform.motion import (
     drift_speed,
     lift_off_speed,
@@ -134,9 +135,14 @@ def foot_lift_speed(robot: RobotParams, motor: MotorParams) -> float:
     """Motor speed in rad/s above which a foot lifts, forwards or backwards."""
     platform = robot_platform(robot, motor)
     top = lift_off_speed(platform)
-    bracket = 0.1 * min(slip_speed(platform), top), (1.0 - 1e-9) * top
+    low, high = 0.1 * min(slip_speed(platform), top), (1.0 - 1e-9) * top
 
     def least(omega_rad_s: float) -> float:
         return min(least_foot_force(robot, motor, sense * omega_rad_s) for sense in (1.0, -1.0))
 
-    return root_scalar(least, bracket=bracket, method="brentq", xtol=_SPEED_TOLERANCE).root
+    if least(low) <= 0.0:
+        raise UserError(
+            f"a foot lifts at any motor speed with foot_radius_m = {robot.foot_radius_m:g} and "
+            f"com_height_m = {robot.com_height_m:g}; choose a larger circle or less height"
+        )
+    return root_scalar(least, bracket=(low, high), method="brentq", xtol=_SPEED_TOLERANCE).root

@@ -25,6 +25,7 @@ from cosim.physics.stroke import Stroke, distance, next_stroke
 REPEAT_TOLERANCE = 1e-12
 # More strokes than a turn can hold: one in each direction.
 CYCLE_STROKES = 4
+MOST_STROKES = 6_000  # until the motion repeats itself, which takes some 5/μ
 _DIFFERENCE = 2e-5  # of α and s on either side
 TABLE_MU = (0.1, 0.15, 0.2, 0.3, 0.4)
 TABLE_OMEGA = (700.0, 800.0, 900.0, 1000.0, 1100.0)
@@ -133,7 +134,7 @@ def net_displacement(platform: Platform, omega_rad_s: float) -> float:
 def _net_distance(alpha: float, s: float) -> float:
     """Dimensionless distance per turn, once the motion repeats itself."""
     found: list[Stroke] = []
-    for stroke in dimensionless_strokes(alpha, s):
+    for stroke in itertools.islice(dimensionless_strokes(alpha, s), MOST_STROKES):
         # A stroke that begins a turn after another closes the cycle of those between.
         for i, before in enumerate(found):
             if abs(stroke.start - 2.0 * math.pi - before.start) < REPEAT_TOLERANCE:
@@ -141,6 +142,11 @@ def _net_distance(alpha: float, s: float) -> float:
                     distance(one.direction, alpha, s, one.start, one.stop) for one in found[i:]
                 )
         found = [*found[-CYCLE_STROKES:], stroke]
+    if found:
+        raise UserError(
+            f"with mu = {math.tan(alpha):.3g} the platform's motion does not come to repeat "
+            "itself; choose a larger mu"
+        )
     return 0.0
 
 
@@ -157,6 +163,11 @@ def sensitivities(platform: Platform, omega_rad_s: float) -> dict[str, float]:
     """
     s, alpha, h = slip_ratio(platform, omega_rad_s), math.atan(platform.mu), _DIFFERENCE
     total = 2.0 * h * _net_distance(alpha, s)
+    if not total:
+        raise UserError(
+            f"with mu = {platform.mu:g} the platform stands still at {omega_rad_s:.0f} rad/s; "
+            "choose a smaller mu or a higher motor speed"
+        )
     by_alpha = (_net_distance(alpha + h, s) - _net_distance(alpha - h, s)) / total
     by_s = s * (_net_distance(alpha, s + h) - _net_distance(alpha, s - h)) / total
     mu, mass = platform.mu, platform.mass

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from cosim.base.errors import USER_ERROR_STATUS
+from cosim.base.errors import USER_ERROR_STATUS, UserError
 from cosim.machine.platform.design import design, foot_lift_speed, least_foot_force
 from cosim.machine.platform.motion import net_speed, robot_platform, sensitivities
 from cosim.model.params import TABLE_I, TABLE_II
@@ -59,11 +59,18 @@ def test_the_command_says_it_in_words_and_as_json(command):
     assert "It leaves the floor before it reaches 9 mm/s." in done.stdout.splitlines()
 
 
+def test_a_robot_that_tips_at_any_speed_is_refused():
+    with pytest.raises(UserError, match="a foot lifts at any motor speed"):
+        foot_lift_speed(TABLE_I._replace(foot_radius_m=1e-6), TABLE_II)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (("--speed", "0"), "speed = 0.0 is invalid: expected float > 0"),
         (("--speed", "1", "--mu", "-1"), "mu = -1.0 is invalid: expected float > 0"),
+        (("--speed", "1", "--mu", "1e-9"), "with mu = 1e-09 the platform's motion does not come"),
+        (("--speed", "1", "--mu", "1000"), "with mu = 1000 the platform stands still at 1151 rad"),
         (("--speed", "1", "--preset", "mine"), "unknown preset 'mine'"),
     ],
 )
