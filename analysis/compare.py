@@ -22,14 +22,7 @@ from cosim.base.provenance import versions
 from cosim.base.reading import parsing
 from cosim.coupling.rl_step import sampled_of
 from cosim.recording.file import Kept
-from cosim.recording.reader import (
-    EPISODE,
-    Episode,
-    RecordingData,
-    read_chunks,
-    read_episode,
-    read_rrd,
-)
+from cosim.recording.reader import EPISODE, Episode, RecordingData, read_chunks, read_rrd
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import Physics
 from cosim.simulation.tasks import EpisodeOrigin, Record, Task, simulate_tasks
@@ -60,16 +53,8 @@ class Comparison(msgspec.Struct, frozen=True):
     differences: dict[str, float | None]
 
 
-def compare(a: Episode | Path | str, b: Episode | Path | str) -> Comparison:
-    """Return what differs between two episodes: configuration, outcome, and every signal.
-
-    Args:
-        a, b: simulated or opened episodes, or files of recordings.
-
-    Raises:
-        FileError: a file holds no episode.
-    """
-    a, b = (e if isinstance(e, Episode) else read_episode(Path(e)) for e in (a, b))
+def compare(a: Episode, b: Episode) -> Comparison:
+    """Return what differs between two episodes: configuration, outcome, and every signal."""
     parameters = [{n: p.value for n, p in e.parameters.items()} for e in (a, b)]
     return Comparison(
         recordings=(a.origin, b.origin),

@@ -8,6 +8,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
+from itertools import starmap
 from pathlib import Path
 from typing import Literal
 
@@ -98,26 +99,20 @@ def _tables(episode: Episode, progress: Progress) -> Iterator[pa.Table]:
     total = len(episode.signals) + len(episode.texts)
     for done, (path, signal) in enumerate(episode.signals.items()):
         progress("exporting", done, total)
-        names, rows = signal.names, len(signal.time_s)
-        numbers = np.tile(np.arange(len(names), dtype=np.int32), rows)
-        component = pa.DictionaryArray.from_arrays(numbers, list(names))
-        values = pa.array(np.ascontiguousarray(signal.values, np.float64).reshape(-1))
-        nothing = pa.nulls(len(values), pa.string())
-        times = np.repeat(signal.time_s, len(names))
-        yield _table(path, component, signal.unit, times, values, nothing)
+        values = np.ascontiguousarray(signal.values, np.float64).reshape(-1)
+        yield _table(path, signal.names, signal.unit, signal.time_s, value=pa.array(values))
     for path, (time_s, texts) in episode.texts.items():
-        nothing, component = pa.nulls(len(texts), pa.float64()), _same("", len(texts))
-        yield _table(path, component, "", time_s, nothing, pa.array(texts, pa.string()))
+        yield _table(path, ("",), "", time_s, text=pa.array(texts, pa.string()))
     progress("exporting", total, total)
 
 
-def _same(text: str, count: int) -> pa.DictionaryArray:
-    return pa.DictionaryArray.from_arrays(np.zeros(count, dtype=np.int32), [text])
-
-
 def _table(
-    path: str, component: pa.Array, unit: str, time_s: np.ndarray, value: pa.Array, text: pa.Array
+    path: str, names: Sequence[str], unit: str, time_s: np.ndarray, **of_rows: pa.Array
 ) -> pa.Table:
-    count = len(time_s)
-    columns = [_same(path, count), component, _same(unit, count), pa.array(time_s), value, text]
+    """Return a row per time (n,) and component, with a value or a text each."""
+    count = len(time_s) * len(names)
+    same, components = np.zeros(count, np.int32), np.arange(len(names), dtype=np.int32)
+    words = (same, [path]), (np.tile(components, len(time_s)), list(names)), (same, [unit])
+    columns = [*starmap(pa.DictionaryArray.from_arrays, words), np.repeat(time_s, len(names))]
+    columns += [of_rows.get(name, pa.nulls(count)) for name in ("value", "text")]
     return pa.table(columns, schema=_SCHEMA)

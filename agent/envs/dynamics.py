@@ -67,7 +67,7 @@ class DynamicsBoards(EnvBoards):
         self._limit = validate_argument("max_episode_steps", limit, Count | None) or math.inf
         given = dict(physics)
         world, worlds = given.pop("world", None), given.pop("worlds", None)
-        options = options_of("an environment", given, "world", "worlds")
+        options = options_of("an environment", given, "worlds")
         if worlds is not None and find_in_world(scenario, world)[1] != IDEAL:
             raise ConfigError("worlds has no effect on a given world; leave out world or worlds")
         if worlds is not None and options.shield:

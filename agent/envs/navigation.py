@@ -9,7 +9,7 @@ seeds, boards with several those of as many `NavigationParallelEnv`.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import compress
 from typing import Any
 
@@ -21,7 +21,7 @@ from pettingzoo import ParallelEnv
 from agent.envs.boards import Boards, Count, EnvBoards
 from agent.envs.views import RowsVectorEnv, SingleEnv, View
 from agent.mdp.config import ProcessConfig
-from cosim.base.arguments import ConfigError, validate_argument
+from cosim.base.arguments import ConfigError, require_names, validate_argument
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.onboard.features import DIRECTION_COUNT
@@ -39,7 +39,7 @@ AgentResults = tuple[
 def direction_boards(
     count: int,
     scenario: str | Scenario,
-    process: ProcessConfig | None = None,
+    process: ProcessConfig | Mapping[str, Any] | None = None,
     *,
     cosim: bool = False,
     max_episode_steps: int | None = None,
@@ -57,10 +57,11 @@ def direction_boards(
         UserError: the scenario or an option cannot be used.
     """
     limit = validate_argument("max_episode_steps", max_episode_steps, Count | None)
-    config: ProcessConfig = (
-        ProcessConfig() if process is None else validate_argument("process", process, ProcessConfig)
-    )
-    if cosim:
+    given = {} if process is None else process
+    if isinstance(given, Mapping):
+        require_names("process.", given, [field.name for field in fields(ProcessConfig)])
+    config: ProcessConfig = validate_argument("process", given, ProcessConfig)
+    if validate_argument("cosim", cosim, bool):
         # here, because the grid needs no FMUs
         from agent.envs.dynamics import CoSimBoards  # noqa: PLC0415
 

@@ -24,7 +24,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     table: ClassVar[Columns] = ()  # of a kind of reports; by default `columns_of` its rows
     title: ClassVar[str | None] = None  # of the table on a terminal
     schema_version: int = 2
-    seed: int | None = None  # of samples of starts and of what episodes draw; None without rows
+    seed: int | None = None  # of samples of starts and of what episodes draw; None on the grid
     axes: tuple[str, ...] = ()  # names of the options that vary
     rows: tuple[Row, ...]
 

@@ -159,7 +159,7 @@ def transfer(how: TransferOptions, progress: Progress = silent) -> TransferRepor
     report = TransferReport(
         rows=rows,
         axes=("mu", "shield"),
-        seed=how.seed if rows else None,
+        seed=how.seed,
         episode_wall_s=sum(row.wall_s or 0.0 for row in rows),
         simulated=sum(len(store.results(line.case)) for line in lines),
         goals=tuple(goals(row for row in rows if row.policy == _DETAILED)),
@@ -221,9 +221,7 @@ def robustness(
             found = lines_of(policies, [None], given, how.seed, count, progress)
             lines += [replace(line, options=options) for line in found]
     rows = measure(lines, store, how.where, may_begin=may_begin, progress=progress)
-    report = RobustnessReport(
-        rows=rows, axes=("axis", "value", "world"), seed=how.seed if rows else None
-    )
+    report = RobustnessReport(rows=rows, axes=("axis", "value", "world"), seed=how.seed)
     write_report(how.out / "robustness", report, report.to_markdown())
     figure = draw_measure(
         {a: [r for r in rows if r.options["axis"] == a and not r.shield] for a in measured},

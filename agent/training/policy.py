@@ -339,12 +339,6 @@ def load_policy(path: Path | str, scenario: Scenario | None = None) -> Any:
     digest = facts.pop("scenario_digest", None)
     with parsing(path, _CONFIG):
         episodes = msgspec.convert(facts.pop("episodes", 0), int)
-        if "objective" in facts:  # of files without a method and a kind
-            learnt = "moves" if facts.get("moves") else "paper"
-            facts["method"] = facts.pop("objective") or learnt
-            of_pair = facts["method"] == "fastest" and len(facts["scenario"]["targets"]) > 1
-            others = "group" if facts["method"] == "planned" else "table"
-            facts["kind"] = "pair" if of_pair else others
         kind = _KINDS[facts.pop("kind")]
         config = msgspec.convert(facts, PolicyConfig)
     arrays = read_arrays(path, _FILE, kind.array_names())

@@ -153,8 +153,7 @@ def fig10(results: Path) -> Drawing:
     content = read_experiment("fig10", results)
     found, better = _compared(content, "path_length_cm", 1.0, " cm")
     judged = f"difference of paths to those of c = 1.5: {found}", verdict(better)
-    text = f"Difference in path length from the reference, run by run: {found}."
-    return _learning_figure(content, results, judged, ("path_length_cm", text))
+    return _learning_figure(content, results, judged, ("path_length_cm", found))
 
 
 def sequel(results: Path) -> Drawing:
@@ -167,8 +166,7 @@ def sequel(results: Path) -> Drawing:
         f"{content.episodes:,} episodes; differences: {found}"
     )
     judged = ours, verdict(stable and min(rates) >= LEARNT)
-    text = f"Difference in success from the reference, run by run: {found}."
-    return _learning_figure(content, results, judged, ("success", text), draw_by_scenario)
+    return _learning_figure(content, results, judged, ("success", found), draw_by_scenario)
 
 
 def _learned(name: str, results: Path, *, single: bool = False) -> Drawing:
@@ -225,7 +223,7 @@ def _learning_figure(
 ) -> Drawing:
     """Return the learning curves of an experiment, with a sentence for each variant.
 
-    `compared` is the measure in which variants differ from their references, and what it shows.
+    `compared` is the measure in which variants differ from their references, and how.
     """
     variants = load_variants(RESULTS[content.experiment].location(results), content)
     numbers: dict[str, Any] = {"episodes": content.episodes}
@@ -236,8 +234,9 @@ def _learning_figure(
         numbers[name]["learnt_after_episodes"] = settled_after(variant, LEARNT)
         ours.append(_sentence(variant, numbers[name]))
     if compared:
-        measure, text = compared
-        ours.append(text)
+        measure, found = compared
+        of = measure.removesuffix("_cm").replace("_", " ")
+        ours.append(f"Difference in {of} from the reference, run by run: {found}.")
         for name, measures in content.differences.items():
             numbers[f"{name}_{measure}_difference"] = measures[measure]
     words = {"curves": _CURVES, "spread": _SPREAD}

@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from importlib.util import find_spec
-from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,7 +37,7 @@ from cosim.base.table import field
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import ENDS
 from cosim.model.params import SPEED_NOISE, TABLE_I, TIMING
-from cosim.model.scenario_file import PAPER, find_scenario
+from cosim.model.scenario_file import find_scenario
 
 PAGE, CLAIMS, PLAY = "index.html", "claims.json", "play.html"
 PLAYED = "4"  # scenario of the page in which the robots drive
@@ -127,15 +126,14 @@ def transfer_table(report: TransferReport) -> ReportTable:
 def episode_table(results: Path) -> ReportTable:
     """Return the table of recorded episodes, which has no rows if none has been recorded."""
     rows = []
-    for scenario, method in product(PAPER, DRIVEN_BY):
-        result = RESULTS[episodes_of(scenario, method)]
-        if not result.exists(results):
+    for result in RESULTS.values():
+        if result.maker != "run" or not result.exists(results):
             continue
         summary: RunSummary = read_result(result.name, results, RunSummary)
         for number, episode in enumerate(summary.episodes):
             recording = f"{result.path}/{episode.recording}" if episode.recording else NOTHING
             lasted, path = f"{episode.sim_time_s:.0f} s", f"{episode.path_length_cm:.1f} cm"
-            name = f"{scenario}-{method}/{number}"
+            name = f"{result.of}-{result.method}/{number}"
             rows.append((name, episode.outcome.replace("_", " "), path, lasted, recording))
     note = (
         "Scenario, method and number of the episode, with noise on the motors’ measured speeds. "

@@ -308,10 +308,9 @@ class Bound(Command):
     """Interpretations of the paper; only target_obstacle and collision limit the paths."""
 
     def __post_init__(self) -> None:
-        for each in fields(self.process):
-            given = getattr(self.process, each.name)
-            if each.name not in {"target_obstacle", "collision"} and given != each.default:
-                option = each.name.replace("_", "-")
+        for name in _changed(self.process, ProcessConfig()):
+            if name not in {"target_obstacle", "collision"}:
+                option = name.replace("_", "-")
                 raise UserError(f"--process.{option} has no effect on the optimum; leave it out")
 
     def run(self, progress: Progress) -> Output:

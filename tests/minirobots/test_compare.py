@@ -25,7 +25,8 @@ def recordings(tmp_path_factory):
 
 
 def test_an_episode_does_not_differ_from_itself(recordings):
-    found = compare(recordings[0], recordings[0])
+    episode = mr.open(recordings[0])
+    found = compare(episode, episode)
     assert (found.differences, found.facts, found.parameters) == ({}, {}, {})
     assert found.values > 10_000
 
@@ -42,6 +43,14 @@ def test_what_differs_is_named_with_the_time(recordings, command, tmp_path):
     assert times == sorted(times)
     with Image.open(tmp_path / "a.png") as image:
         assert image.width > 1000
+
+
+@pytest.mark.parametrize("name", ["a.xyz", "a"])
+def test_a_picture_of_another_format_is_refused_before_recordings_are_read(name, command):
+    done = command("compare", "none.rrd", "none.rrd", "--out", name)
+    assert (done.returncode, done.stderr) == (
+        2, f"error: --out {name}: name a .png, .pdf or .svg file\n"
+    )  # fmt: skip
 
 
 def test_a_video_shows_the_robot_where_it_is(recordings, command, tmp_path):

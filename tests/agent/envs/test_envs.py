@@ -247,6 +247,16 @@ def test_other_pictures_are_refused(make):
         make(render_mode="human")
 
 
+def test_interpretations_by_name_are_known_ones():
+    env: Any = envs.NavigationEnv("1a", process={"step_limit": 2})
+    env.reset(seed=0)
+    assert [env.step(a)[3] for a in (0, 4)] == [False, True]
+    with pytest.raises(ConfigError, match=r"process.step_limitt is unknown; .*mean step_limit\?"):
+        envs.NavigationEnv("1a", process={"step_limitt": 2})
+    with pytest.raises(ConfigError, match="cosim = 'no' is invalid: expected bool"):
+        envs.NavigationEnv("1a", cosim="no")
+
+
 @pytest.mark.parametrize("cosim", [False, True])
 def test_a_single_environment_is_reset_before_and_after_an_episode(cosim):
     env = envs.NavigationEnv("1a", cosim=cosim)

@@ -201,7 +201,7 @@ def test_physics_are_options_of_environments():
 @both
 def test_unusable_options_are_refused(make):
     for name, options, words in (
-        ("CoSim", {"friction": 0.2}, "friction is unknown; choose one of world, worlds, .* mu,"),
+        ("CoSim", {"friction": 0.2}, "friction is unknown; choose one of worlds, .* mu, .* world,"),
         ("SingleA", {"mu": 0.2}, "mu has no effect on the grid"),
         ("SingleA", {"decision": "period"}, "decision has no effect on the grid"),
         ("CoSim", {"worlds": {"mu": (0.1, 0.2)}}, r"give agent\.envs\.WorldRange"),
