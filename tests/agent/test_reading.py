@@ -1,7 +1,6 @@
 """Whatever is in a file, its reader gives a result or one sentence."""
 
 import io
-import json
 import logging
 import os
 import zipfile
@@ -25,6 +24,7 @@ from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
+from tests.agent.moves.test_moves import ideal_moves
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "four_crossing.toml"
 LEARNING = LearningConfig(episodes=2000, epsilon_episodes=20, greedy_points=2)
@@ -46,14 +46,7 @@ def seeds(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MINIROBOTS_CACHE", str(folder / "cache"))
         _, _, path = find_or_make(PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)))
-    moves = [
-        {"direction": d, "heading": h, "previous": -1, "columns": 1, "rows": d, "turn_s": 0.5}
-        | {"duration_s": 3.5, "drift_x": 0.0, "drift_y": 0.0, "stop_x": 0.0, "stop_y": 0.0}
-        for d in (0, 1)
-        for h in range(4)
-    ]
-    moves = {"schema_version": 1, "source": "", "seed": 0, "moves": moves}
-    (folder / "moves.json").write_text(json.dumps(moves))
+    ideal_moves(duration_s=3.5, turn_s=0.5).save(folder / "moves.json")
     (folder / "settings.toml").write_text('[process]\nfeatures = ["x", "y"]\n[learning]\neta = 1\n')
     write_caption(Caption("fig03", "Motion", "it slides", ("5 µm",), {"step_um": 5.0}), folder)
     return {
@@ -203,14 +196,7 @@ def test_damaged_optima_are_computed_again(tmp_path, caplog):
 
 
 @pytest.mark.usefixtures("fresh_cache")
-def test_a_folder_in_the_cache_is_told_before_anything_is_computed(tmp_path):
-    process = build_process(SMALL, ProcessConfig())
-    optimum(process)
-    (path,) = (tmp_path / "cache" / "bounds").glob("*.npz")
-    path.unlink()
-    path.mkdir()
-    with pytest.raises(UserError, match="a folder is where this file goes"):
-        optimum(process)
+def test_a_folder_in_the_cache_is_told_before_a_policy_is_trained():
     config, seen = PolicyConfig(SMALL, ProcessConfig(), LEARNING, Seed(0)), []
     *_, policy = find_or_make(config)
     policy.unlink()

@@ -1,6 +1,7 @@
 """`python -m tests.judge --out DIR`: what validators and importers of others say of the FMUs."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -42,19 +43,25 @@ def judges(options: Judge) -> "list[Tool]":
     from tests.judge import tools
     from tests.judge.tools import Tool, package_version, version_in
 
-    sim, check, vdm = options.fmusim, options.fmucheck, options.vdmcheck
-    in_process = tools.simulate_in_process
+    def package(name: str) -> tuple[str, str]:
+        return package_version(name), f"install {name}"
+
+    def program(option: str) -> tuple[str, str]:
+        return version_in(getattr(options, option)), f"name it with --{option}"
+
+    ecos, cosim = (partial(tools.simulate_in_process, name) for name in ("ecospy", "libcosimpy"))
+    sim = partial(tools.simulate_by_fmusim, options.fmusim)
+    check = partial(tools.simulate_by_fmucheck, options.fmucheck)
+    vdm = partial(tools.validate_by_vdmcheck, options.vdmcheck)
     return [
-        Tool("fmpy, validator", package_version("fmpy"), tools.validate_by_fmpy, models=MODELS),
-        Tool("fmpy", package_version("fmpy"), tools.simulate_by_fmpy),
-        Tool("ecospy", package_version("ecospy"), in_process("ecospy")),
-        Tool("libcosimpy", package_version("libcosimpy"), in_process("libcosimpy"), ("2",)),
-        Tool("fmusim", version_in(sim, "--fmusim"), tools.simulate_by_fmusim(sim)),
-        Tool("FMU Compliance Checker", version_in(check, "--fmucheck"),
-             tools.simulate_by_fmucheck(check), ("2",)),
-        Tool("VDMCheck", version_in(vdm, "--vdmcheck"), tools.validate_by_vdmcheck(vdm), ("3",),
-             MODELS),
-    ]  # fmt: skip
+        Tool("fmpy, validator", *package("fmpy"), tools.validate_by_fmpy, models=MODELS),
+        Tool("fmpy", *package("fmpy"), tools.simulate_by_fmpy),
+        Tool("ecospy", *package("ecospy"), ecos),
+        Tool("libcosimpy", *package("libcosimpy"), cosim, ("2",)),
+        Tool("fmusim", *program("fmusim"), sim),
+        Tool("FMU Compliance Checker", *program("fmucheck"), check, ("2",)),
+        Tool("VDMCheck", *program("vdmcheck"), vdm, ("3",), MODELS),
+    ]
 
 
 def artefacts(folder: Path) -> "list[Artefact]":

@@ -58,7 +58,8 @@ class Tool(NamedTuple):
     """A judge."""
 
     name: str
-    version: Callable[[], str]  # raises UserError if the tool is not at hand
+    version: str  # empty if it is not at hand
+    missing: str  # what to do then
     # Outputs after every step, shape (steps, outputs), or a list of problems of a validator
     judge: Callable[[Artefact], "np.ndarray | list[str]"]
     standards: tuple[Fmi, ...] = ("2", "3")
@@ -71,20 +72,18 @@ class Tool(NamedTuple):
 
 def ask(tool: Tool, artefact: Artefact) -> Verdict:
     """What a judge says of an FMU; a judge that is not at hand is said to be so."""
-    try:
-        known = tool.version()
-    except UserError as error:
-        return Verdict(tool.name, "", artefact.name, f"not at hand: {error}", None, None)
+    if not tool.version:
+        return Verdict(tool.name, "", artefact.name, f"not at hand: {tool.missing}", None, None)
     try:
         found = tool.judge(artefact)
     except (UserError, OSError, ValueError, subprocess.TimeoutExpired) as error:
-        return Verdict(tool.name, known, artefact.name, f"failed: {error}", None, False)
+        return Verdict(tool.name, tool.version, artefact.name, f"failed: {error}", None, False)
     if isinstance(found, list):
         says = "; ".join(found) or "valid"
-        return Verdict(tool.name, known, artefact.name, says, None, not found)
+        return Verdict(tool.name, tool.version, artefact.name, says, None, not found)
     deviation = deviation_of(found)
     says = "the same bits" if deviation == 0.0 else "simulated"
-    return Verdict(tool.name, known, artefact.name, says, deviation, deviation <= SAME)
+    return Verdict(tool.name, tool.version, artefact.name, says, deviation, deviation <= SAME)
 
 
 def deviation_of(found: np.ndarray) -> float:
@@ -96,27 +95,18 @@ def deviation_of(found: np.ndarray) -> float:
     return float((np.abs(found - expected) / np.where(scale > 0.0, scale, 1.0)).max())
 
 
-def package_version(package: str) -> Callable[[], str]:
-    """Version of an installed package."""
-
-    def installed_version() -> str:
-        try:
-            return version(package)
-        except PackageNotFoundError:
-            raise UserError(f"install {package}") from None
-
-    return installed_version
+def package_version(package: str) -> str:
+    """Version of a package, empty if it is not installed."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""
 
 
-def version_in(path: Path | None, option: str) -> Callable[[], str]:
-    """The version that a program's path names, such as Reference-FMUs-0.0.39/fmusim."""
-
-    def named_version() -> str:
-        if path is None:
-            raise UserError(f"name it with {option}")
-        return ["unknown", *re.findall(r"\d+(?:\.\d+)+", str(path.resolve()))][-1]
-
-    return named_version
+def version_in(path: Path | None) -> str:
+    """The version that a program's path names, such as Reference-FMUs-0.0.39/fmusim, if any."""
+    numbers = re.findall(r"\d+(?:\.\d+)+", str(path.resolve())) if path else [""]
+    return ["unknown", *numbers][-1]
 
 
 def validate_by_fmpy(artefact: Artefact) -> list[str]:
@@ -131,55 +121,38 @@ def simulate_by_fmpy(artefact: Artefact) -> np.ndarray:
     return np.array([result[name] for name in OUTPUTS]).T[1:]
 
 
-def simulate_in_process(importer: str) -> Callable[[Artefact], np.ndarray]:
+def simulate_in_process(importer: str, artefact: Artefact) -> np.ndarray:
     """Outputs by an importer of `tests.judge.importer`."""
-
-    def judge(artefact: Artefact) -> np.ndarray:
-        said = run([sys.executable, "-m", "tests.judge.importer", importer, str(artefact.path)])
-        return np.array(json.loads(said.splitlines()[-1]))
-
-    return judge
+    said = run([sys.executable, "-m", "tests.judge.importer", importer, str(artefact.path)])
+    return np.array(json.loads(said.splitlines()[-1]))
 
 
-def simulate_by_fmusim(program: Path | None) -> Callable[[Artefact], np.ndarray]:
+def simulate_by_fmusim(program: Path | None, artefact: Artefact) -> np.ndarray:
     """Outputs by the fmusim of the Reference FMUs."""
-
-    def judge(artefact: Artefact) -> np.ndarray:
-        options = ["--interface-type", "cs", "--stop-time", str(STOP_S)]
-        options += ["--output-interval", str(STEP_S)]
-        for name, value in INPUTS.items():
-            options += ["--start-value", name, repr(value)]
-        for name in OUTPUTS:
-            options += ["--output-variable", name]
-        line = [str(program), *options, "--output-file"]
-        return _from_file(lambda out: [*line, out, str(artefact.path)])
-
-    return judge
+    options = ["--interface-type", "cs", "--stop-time", str(STOP_S)]
+    options += ["--output-interval", str(STEP_S)]
+    for name, value in INPUTS.items():
+        options += ["--start-value", name, repr(value)]
+    for name in OUTPUTS:
+        options += ["--output-variable", name]
+    return _from_file([str(program), *options, "--output-file"], artefact)
 
 
-def simulate_by_fmucheck(program: Path | None) -> Callable[[Artefact], np.ndarray]:
+def simulate_by_fmucheck(program: Path | None, artefact: Artefact) -> np.ndarray:
     """Outputs by the FMU Compliance Checker; raises ValueError with what it complains about."""
-
-    def judge(artefact: Artefact) -> np.ndarray:
-        with tempfile.TemporaryDirectory() as folder:
-            inputs = Path(folder) / "in.csv"
-            rows = [["time", *INPUTS], *([t, *INPUTS.values()] for t in (0.0, STOP_S))]
-            inputs.write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
-            options = ["-k", "cs", "-f", "-s", str(STOP_S), "-i", str(inputs)]
-            options += ["-h", str(STEP_S), "-n", "0"]
-            return _from_file(lambda out: [str(program), *options, "-o", out, str(artefact.path)])
-
-    return judge
+    with tempfile.TemporaryDirectory() as folder:
+        inputs = Path(folder) / "in.csv"
+        rows = [["time", *INPUTS], *([t, *INPUTS.values()] for t in (0.0, STOP_S))]
+        inputs.write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
+        options = ["-k", "cs", "-f", "-s", str(STOP_S), "-i", str(inputs)]
+        options += ["-h", str(STEP_S), "-n", "0"]
+        return _from_file([str(program), *options, "-o"], artefact)
 
 
-def validate_by_vdmcheck(jar: Path | None) -> Callable[[Artefact], list[str]]:
+def validate_by_vdmcheck(jar: Path | None, artefact: Artefact) -> list[str]:
     """Problems that VDMCheck finds."""
-
-    def judge(artefact: Artefact) -> list[str]:
-        said = run(["java", "-jar", str(jar), str(artefact.path)])
-        return [] if re.search(r"no errors found", said, re.IGNORECASE) else [said.strip()[-_TOLD:]]
-
-    return judge
+    said = run(["java", "-jar", str(jar), str(artefact.path)])
+    return [] if re.search(r"no errors found", said, re.IGNORECASE) else [said.strip()[-_TOLD:]]
 
 
 def run(command: Sequence[str]) -> str:
@@ -193,11 +166,11 @@ def run(command: Sequence[str]) -> str:
     return done.stdout
 
 
-def _from_file(command: Callable[[str], list[str]]) -> np.ndarray:
-    """Outputs after every step from the CSV file that a tool writes."""
+def _from_file(command: list[str], artefact: Artefact) -> np.ndarray:
+    """Outputs after every step from the CSV file of a command, which ends with it and the FMU."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out.csv"
-        run(command(str(out)))
+        run([*command, str(out), str(artefact.path)])
         with out.open(newline="") as file:
             header, *rows = csv.reader(file)
     places = [[name.strip() for name in header].index(output) for output in OUTPUTS]

@@ -267,20 +267,6 @@ def test_ties_go_to_the_least_rotation(facing, values, expected):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"starts": (((15, 18),), ((3, 3),))}, "starts\\[0\\] has cell \\(15, 18\\)"),
-        ({"starts": (((3, 3),), ((4, 4),))}, "hardly any combination"),
-        ({"obstacles": ((3, 3),), "starts": (((3, 3),), ((9, 9),))}, "touches an obstacle"),
-    ],
-)
-def test_unusable_starts_are_refused(change, message):
-    fields = {"name": "u", "title": "", "targets": ((15, 18), (15, 12))} | change
-    with pytest.raises(UserError, match=message):
-        build_process(Scenario(**fields), ProcessConfig())
-
-
-@pytest.mark.parametrize(
     ("wrong", "message"),
     [
         ({"slip_probability": 1.5}, "slip_probability"),

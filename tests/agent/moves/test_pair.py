@@ -22,7 +22,6 @@ from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
-from cosim.model.scenario_file import find_scenario
 from cosim.onboard.features import DIRECTIONS, Observation
 
 SIDE = 9  # cells: room for two robots that keep six cells apart
@@ -143,8 +142,6 @@ def test_it_is_read_back_and_drives_from_all_starts(policy, tmp_path):
     assert found.steps.tolist() == policy.evaluate().steps.tolist()
     values = [layer.value for layer in policy.maps()]
     assert [v[t] for v, t in zip(values, BOARD.targets, strict=True)] == [0.0, 0.0]
-    with pytest.raises(UserError, match="was trained on scenario board"):
-        load_policy(tmp_path / "policy.npz", find_scenario("2"))
     np.savez(
         tmp_path / "other.npz", **dict(np.load(tmp_path / "policy.npz")) | {"delay": values[0]}
     )

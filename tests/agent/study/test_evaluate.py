@@ -216,11 +216,3 @@ def test_command_prints_json_last(command, whole, near_file):
     assert done.returncode == 0, done.stderr
     assert "outcomes with 95 % intervals" in done.stdout
     assert msgspec.json.decode(done.stdout.splitlines()[-1], type=EvaluationReport) == report
-
-
-def test_policy_of_another_scenario_is_refused(command, near_file, tmp_path):
-    done = command("evaluate", near_file, "--scenario", "4", "--out", tmp_path / "out")
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert "was trained on scenario near" in done.stderr
-    assert not (tmp_path / "out").exists()

@@ -80,9 +80,9 @@ def saved(tmp_path):
     return path
 
 
-def test_other_scenario_and_other_schema_are_refused(saved):
-    with pytest.raises(UserError, match=r"trained on scenario small .* not on scenario 4"):
-        load_policy(saved, replace(find_scenario("4"), robot_diameter_m=0.02))
+def test_robots_of_another_size_and_another_schema_are_refused(saved):
+    with pytest.raises(UserError, match=r"trained for robots of 2 cm, not of 5 cm"):
+        load_policy(saved, find_scenario("4"))
     rewrite(saved, lambda d: d | {"schema_version": 99})
     with pytest.raises(UserError, match="schema 99"):
         Policy.load(saved)
@@ -121,8 +121,6 @@ def test_observations_that_do_not_fit_are_refused(saved):
     with pytest.raises(ValueError, match="2 robots"):
         policy.act(Observation(np.array([[0, 1]]), ones[:1], ones[:1], ones[:1]))
 
-
-pytestmark = pytest.mark.usefixtures("fresh_cache")
 
 SHORT = LearningConfig(episodes=5000, epsilon_episodes=10, greedy_points=5)
 CONFIG = PolicyConfig(find_scenario("2"), ProcessConfig(), SHORT, Seed(0))

@@ -13,12 +13,6 @@ def halved(value):
     return 0.5 * value
 
 
-def flip(path):
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-
-
 def test_what_is_in_the_cache_is_known_without_compiling(tmp_path, monkeypatch):
     monkeypatch.setenv(CACHE, str(tmp_path))
     new = kernel(halved)
@@ -39,7 +33,9 @@ def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, caplog):
     assert [run(), run()] == [(1.5, 0), (1.5, 1)]
     for ending in ("nbi", "nbc"):
         (file,) = tmp_path.rglob(f"*.halved*.{ending}")
-        flip(file)
+        content = bytearray(file.read_bytes())
+        content[len(content) // 2] ^= 1
+        file.write_bytes(content)
         assert not caplog.messages
         assert run() == (1.5, 0)
         assert {*caplog.messages} == {f"{file} is damaged: compiling it again"}

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from cosim.base.errors import FileError
-from cosim.base.storage import cached, replacing, require_suffix, write_json
+from cosim.base.storage import cached, replacing, write_json
 from tests.alone import python, started
 from tests.faults.test_disks import powerless as without_power
 
@@ -269,12 +269,6 @@ def test_files_are_as_readable_as_the_umask_allows(tmp_path, monkeypatch):
         monkeypatch.undo()
         os.umask(before)
     assert (tmp_path / "a.json").stat().st_mode & 0o777 == 0o640
-
-
-def test_a_file_of_another_name_is_refused():
-    assert require_suffix("a/b.rrd", ".rrd") == Path("a/b.rrd")
-    with pytest.raises(FileError, match=r"b\.txt: its name must end in \.rrd; choose b\.rrd"):
-        require_suffix("a/b.txt", ".rrd")
 
 
 WITHOUT_POSIX = """

@@ -149,9 +149,3 @@ def test_missing_file_and_unknown_name(tmp_path):
         find_scenario(tmp_path / "none.toml")
     with pytest.raises(UserError, match=r"unknown scenario '5'.*1a, 1b, 2, 3, 4"):
         find_scenario("5")
-
-
-@pytest.mark.parametrize("wrong", [{"columns": 0}, {"rows": 501}, {"cell_m": 0.0}])
-def test_records_check_themselves(wrong):
-    with pytest.raises(UserError, match=next(iter(wrong))):
-        Scenario("x", "", ((0, 0),), (((1, 0),),), **wrong)

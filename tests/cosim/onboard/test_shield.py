@@ -201,12 +201,6 @@ def test_a_centre_is_kept_out_of_anothers_target():
     assert within.modes == [HOLD]
 
 
-def test_an_uncertain_estimate_needs_more_room():
-    robots = apart(KEPT_M + 1.5 * SHIELD.room_m, 0.0, math.pi)
-    robots.estimates[0, COVARIANCE + 4] = (SHIELD.room_m / SHIELD.deviations) ** 2
-    assert DRIVE not in robots.guarded().modes
-
-
 def test_a_retreat_goes_on_though_driving_makes_the_robot_less_sure():
     robots = apart(KEPT_M + 0.9 * SHIELD.room_m, 0.0, math.pi).guarded()
     for variance_m2, mode in ((1e-8, RETREAT), (4e-8, HOLD)):  # 0.5 and 1 mm of error

@@ -21,7 +21,7 @@ from cosim.physics.collision import (
 from cosim.physics.forces import motor_mounts
 from cosim.physics.neighbours import LISTS
 from cosim.physics.properties import body_params, properties_of
-from tests.alone import CoSimulation, drive
+from tests.alone import Constant, CoSimulation, drive
 
 PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots, near=2e-3)
 BODY = body_params(TABLE_I, TABLE_II, TIMING.dt_s)
@@ -183,26 +183,11 @@ def test_near_pairs_are_found_in_the_order_of_looking_at_all(seed, robots, board
     assert found.tolist() == expected
 
 
-@pytest.fixture(scope="module")
-def collision_course():
-    """Three robots, two of them heading for each other."""
+def test_collision_of_three_is_reported(motor_fmu):
+    """Of three robots, of which two head for each other."""
     starts = (((5, 5),), ((11, 5),), ((25, 5),))
-    return Scenario("row", "", ((5, 20), (11, 20), (25, 20)), starts)
-
-
-def drive_together(scenario, motor_fmu, **changes):
-    system = CoSimulation(scenario, motor_fmu, CoSimConfig(**changes))
-    system.reset()
-    east, north, west = 0, 2, 4
-    steps = []
-    while not system.episode.outcome and len(steps) < 12:
-        steps.append(system.step(np.array([east, west, north])))
-    system.close()
-    return system, steps
-
-
-def test_collision_of_three_is_reported(collision_course, motor_fmu):
-    system, steps = drive_together(collision_course, motor_fmu)
+    row = Scenario("row", "", ((5, 20), (11, 20), (25, 20)), starts)
+    system, steps = drive(row, motor_fmu, Constant(0, 4, 2))
     assert system.episode.outcome == "collision"
     position = steps[-1].samples.position[-1, :, :2]
     assert np.linalg.norm(position[0] - position[1]) == pytest.approx(0.05, abs=5e-6)
@@ -217,17 +202,6 @@ def test_small_robots_drive_on_where_large_ones_would_touch(motor_fmu, straight_
     assert system.episode.outcome == "success"
     assert system.config.robot.diameter_m == 0.03
     assert 0.03 < system.episode.measures.min_distance_m < 0.05
-
-
-@pytest.mark.long
-def test_robots_that_go_on_push_but_never_overlap(collision_course, motor_fmu):
-    system, steps = drive_together(collision_course, motor_fmu, on_collision="continue")
-    assert system.episode.outcome != "collision"
-    assert system.episode.measures.contact_time_s > 0.0
-    position = np.concatenate([step.samples.position for step in steps])[..., :2]
-    for i, j in ((0, 1), (1, 2), (0, 2)):
-        distance = np.linalg.norm(position[:, i] - position[:, j], axis=1)
-        assert distance.min() > TABLE_I.diameter_m - 1e-6
 
 
 def test_robots_touch_within_a_long_control_period(motor_fmu):

@@ -150,12 +150,6 @@ def assert_close(
     assert ours[2] == pytest.approx(theirs[2], rel=tolerance, abs=math.radians(0.1))
 
 
-def our_means(drive: Drive, duration_s: float) -> tuple[float, float, float]:
-    return mean_motion(TABLE_I, TABLE_II, drive, dt_s=DT, settle_s=SETTLE_S, duration_s=duration_s)[
-        :3
-    ]
-
-
 @pytest.mark.parametrize("of_others", [mujoco_means, sprung_means])
 @pytest.mark.parametrize(
     "duration_s", [pytest.param(0.3, id="short"), pytest.param(2.0, marks=pytest.mark.slow)]
@@ -164,8 +158,9 @@ def our_means(drive: Drive, duration_s: float) -> tuple[float, float, float]:
 def test_mean_motion_agrees_with_mujoco_and_stiff_springs(name, duration_s, of_others):
     drive = OPERATING_POINTS[name]
     lands = of_others is mujoco_means and name not in ALL_FEET_DOWN
-    tolerance = 0.035 if lands else 0.01
-    assert_close(our_means(drive, duration_s), of_others(drive, duration_s), tolerance)
+    how = {"dt_s": DT, "settle_s": SETTLE_S, "duration_s": duration_s}
+    ours = mean_motion(TABLE_I, TABLE_II, drive, **how)[:3]
+    assert_close(ours, of_others(drive, duration_s), 0.035 if lands else 0.01)
 
 
 TURN_MS = 7  # looks at the same phase of the motors see no vibration

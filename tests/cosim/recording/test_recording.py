@@ -21,14 +21,13 @@ from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Patch, World
-from cosim.onboard.steering import MODE_NAMES
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept, Recording, scalars, simulated
 from cosim.recording.reader import read_chunks, read_episode, read_rrd
 from cosim.recording.scene import ROBOT_COLOURS, ink_on, map_colours, robot_colour, shades
 from cosim.recording.series import DETAILS, OUTCOME, PolicyMap, Stretch, with_bursts
 from cosim.simulation.options import DecisionOptions
-from tests.alone import CoSimulation, rrd
+from tests.alone import CoSimulation, python, rrd
 
 SCENARIO = Scenario("pair", "two cells each", ((15, 27), (15, 2)), (((15, 29),), ((15, 0),)))
 SOUTH, NORTH = 6, 2
@@ -152,6 +151,9 @@ def test_a_file_is_complete_and_its_bursts_hold_every_tick(recorded):
     burst = len(steps[0].raw.normal)
     assert np.diff(time_s[:burst]) == pytest.approx(1e-5)
     assert time_s[burst] == pytest.approx(2.0 + 1e-5)
+    episode = read_episode(path)
+    assert not any("estimate" in signal for signal in episode.signals)  # without a camera
+    assert (episode.outcome, episode.texts[OUTCOME].texts) == ("", ("running",))
 
 
 @pytest.mark.parametrize(
@@ -285,8 +287,7 @@ with ThreadPoolExecutor(len(paths)) as threads:
 def test_full_disk_ends_in_one_sentence_and_no_file_by_its_name(tmp_path, megabytes, names):
     """The thread that writes has the error, the episode ends with it."""
     paths = [tmp_path / f"{name}.rrd" for name in names]
-    command = [sys.executable, "-c", ENDLESS, str(round(1e6 * megabytes)), *paths]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    done = python("-c", ENDLESS, round(1e6 * megabytes), *paths, timeout=300)
     assert done.returncode == 2, done.stderr
     assert "File too large" in done.stderr  # what Rerun says of it
     assert done.stderr.count("error: ") == 1
@@ -368,20 +369,6 @@ def test_properties_keep_numbers_and_write_the_rest_as_json():
     kept = Kept()
     kept.properties("of", {"seed": 3, "starts": ((1, 2),)})
     assert read_chunks(kept.chunks, "").properties["of"] == {"seed": 3, "starts": "[[1, 2]]"}
-
-
-def test_modes_of_the_steering_and_the_outcome_are_states_by_name(recorded):
-    path, steps = recorded
-    episode = read_episode(path)
-    assert not any("estimate" in signal for signal in episode.signals)  # without a camera
-    modes = np.concatenate([step.samples.mode[:, 0] for step in steps])
-    firsts = np.flatnonzero(np.diff(modes, prepend=-1.0))
-    states = episode.texts["/rl/r1/steering"]
-    assert list(states.texts) == [MODE_NAMES[int(mode)] for mode in modes[firsts]]
-    assert states.time_s == pytest.approx(1e-3 * firsts)
-    assert {"turn", "drive"} & {*states.texts}
-    assert list(episode.texts[OUTCOME].texts) == ["running"]
-    assert episode.outcome == ""
 
 
 def test_the_outcome_stands_above_the_board_from_the_start(recorded):

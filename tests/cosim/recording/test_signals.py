@@ -4,6 +4,8 @@ Each expectation comes from other signals and the equations, so that a signal th
 another of its kind, with another unit, or of the other robot does not pass.
 """
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -116,7 +118,7 @@ def test_units_and_names(episode):
     names = {path.split("/", 3)[3]: s.components for path, s in episode.signals.items()}
     for name in ("omega", "voltage", "current", "theta", "u"):
         assert names[f"motors/{name}"] == ("D", "E")
-    assert names["velocity"] == names["position"] == ("x", "y") or names["position"][:2] == "xy"
+    assert names["velocity"] == names["position"][:2] == ("x", "y")
     assert names["contact/impact"] == ("A", "B", "C")
     assert names["reward_parts"] == ("goal or failure", "step", "nearness")
 
@@ -187,6 +189,7 @@ def test_steering(episode, robot):
     rows = np.searchsorted(states.time_s, 1e-3 * np.arange(len(mode)) + 1e-9) - 1
     assert [MODE_NAMES[int(m)] for m in mode] == [states.texts[row] for row in rows]
     assert {"turn", "drive"} <= {*states.texts}
+    assert all(before != after for before, after in pairwise(states.texts))
     same_sense = np.sign(commands).prod(axis=1)
     turns, drives = mode == MODE_NAMES.index("turn"), mode == MODE_NAMES.index("drive")
     assert (same_sense[turns] > 0.0).all()

@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-import sys
 import tomllib
 import zipfile
 from pathlib import Path
@@ -254,6 +253,7 @@ def test_command_writes_the_named_files(command, tmp_path):
         ("--fmi", "both"): {"VibrationMotor_fmi2.fmu", three, "VibrationMotors_fmi3.fmu"},
         (): {one, "VibrationMotors.fmu"},
         ("motor",): {one},
+        ("--model", "VibrationMotors", "--fmi", "3"): {"VibrationMotors_fmi3.fmu"},
     }
     for number, (arguments, names) in enumerate(lines.items()):
         out = tmp_path / str(number)
@@ -261,12 +261,6 @@ def test_command_writes_the_named_files(command, tmp_path):
         assert done.returncode == 0, done.stderr
         assert {path.name for path in out.iterdir()} == names
         assert all(str(out / name) in done.stdout for name in names)
-
-
-def test_command_builds_the_model_that_is_asked_for(tmp_path):
-    line = ("-m", "minirobots", "fmu", "--model", "VibrationMotors", "--fmi", "3")
-    subprocess.run([sys.executable, *line, "--out", tmp_path], check=True)
-    assert [p.name for p in tmp_path.iterdir()] == ["VibrationMotors_fmi3.fmu"]
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,6 @@ BREAKAWAY_V = TABLE_II.c * TABLE_II.R / TABLE_II.K_T  # overcomes Coulomb fricti
 TAU_S = motor_time_constant(TABLE_II)
 # Speed that a disturbance torque shifts the open loop by: d R / (bR + K_T²), in rad/s.
 OFFSET = FIG_7.d * motor_gain(TABLE_II) * TABLE_II.R / TABLE_II.K_T
-# Semi-implicit Euler at 1e-5 s on time constants of 5 ms and more: errors of order h / (2 tau).
-EULER = 1e-3
 OUTPUTS = ("theta", "omega", "omega_dot", "V_s", "i")
 
 
