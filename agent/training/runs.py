@@ -74,8 +74,8 @@ def make_runs(
     """
     out = out.absolute()
     build_process(experiment.scenario, experiment.process)  # refuse here, not in every worker
-    _require_same(out / EXPERIMENT_FILE, experiment)
     configs, results = experiment.configs(), dict[int, tuple[Policy, TrainingLog]]()
+    _require_same(out / EXPERIMENT_FILE, experiment)
     folders = [out / run_name(number) for number in range(len(configs))]
     for number, (folder, config) in enumerate(zip(folders, configs, strict=True)):
         folder.mkdir(exist_ok=True)
