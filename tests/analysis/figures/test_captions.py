@@ -77,15 +77,15 @@ def test_c_is_better_where_no_interval_of_the_others_reaches_zero(edited, low, v
 
 
 @pytest.mark.parametrize(
-    ("draw", "failing", "verdict"),
+    ("figure", "failing", "verdict"),
     [
-        (learning.fig08, 0, "confirmed in moves, not confirmed in centimetres"),
-        (learning.fig11, 0, "confirmed on the grid"),
-        (learning.fig08, 1, "not confirmed in moves and in centimetres"),
-        (learning.fig11, 1, "not confirmed on the grid"),
+        ("fig08", 0, "confirmed in moves, not confirmed in centimetres"),
+        ("fig11", 0, "confirmed on the grid"),
+        ("fig08", 1, "not confirmed in moves and in centimetres"),
+        ("fig11", 1, "not confirmed on the grid"),
     ],
 )
-def test_learning_is_confirmed_where_every_run_succeeds(edited, draw, failing, verdict):
+def test_learning_is_confirmed_where_every_run_succeeds(edited, figure, failing, verdict):
     def change(content):
         runs = [run for variant in content["variants"].values() for run in variant["runs"]]
         for number, run in enumerate(runs):
@@ -94,7 +94,7 @@ def test_learning_is_confirmed_where_every_run_succeeds(edited, draw, failing, v
             variant["over_runs"]["steps_ratio_to_bound"]["mean"] = 1.0
             variant["over_runs"]["ratio_to_bound"]["mean"] = 1.1
 
-    ((_, found),) = draw(edited(draw.__name__, change)).judged
+    ((_, found),) = getattr(learning, figure)(edited(figure, change)).judged
     assert found == verdict
 
 
