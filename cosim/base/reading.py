@@ -47,7 +47,7 @@ def require_file(path: Path, kind: Kind) -> None:
     """Refuse a path that is not a file."""
     try:
         mode = path.stat().st_mode
-    except (FileNotFoundError, NotADirectoryError):
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # no name has a NUL
         raise FileError(f"{path}: no such {kind.name}; {kind.fix}") from None
     except OSError as error:
         raise FileError(f"{path}: {error.strerror}; {kind.fix}") from error

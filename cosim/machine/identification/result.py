@@ -20,7 +20,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.preset import Preset
 
 PRESET_FILE, DRAWING_FILE = "preset.toml", "tracks.svg"
-MOST_SPREAD = 0.3  # of motors in a preset
+MOST_SPREAD, MOST_RATE_HZ = 0.3, 1000.0  # of motors and of the camera in a preset
 
 
 class Estimate(msgspec.Struct, frozen=True, kw_only=True):
@@ -169,7 +169,7 @@ def _preset(track: SeenTrack, name: str, preset: Preset, drive: Simulated, found
             "r": (mean, f"{where}: mean of both motors' unbalance, over m"),
             "motor_spread": (round(spread, 4), difference),
         }
-    rate_hz = round(float(1.0 / np.median(np.diff(track.times))), 3)
+    rate_hz = min(MOST_RATE_HZ, round(float(1.0 / np.median(np.diff(track.times))), 3))
     delay_ms = round(1e3 * float(found.values[-1]), 2)
     heading_deg = round(float(np.rad2deg(found.noise.heading_rad)), 4)
     tree |= {

@@ -49,6 +49,7 @@ def test_targets_come_from_a_file_or_a_list(written):
         ("[swarm]\nrobots = 4096", "columns = 780: .* boards have up to 500"),
         ('[swarm]\nrobots = 4\ntargets = "ring"', r"swarm\.targets = 'ring' is unknown; choose"),
         ('[swarm]\nrobots = 4\ntargets = "no.csv"', "no such file of target cells"),
+        (r'swarm = {robots = 4, targets = "\u0000.csv"}', "no such file of target cells"),
         ('[swarm]\nrobots = 2\ntargets = "one.csv"', r"one\.csv: .*line 1 has 1 numbers"),
         ('[swarm]\nrobots = 2\ntargets = "three.csv"', r"three\.csv: .*line 2 has 3 numbers"),
         ("[swarm]\nrobots = 2\ntargets = [[1, 1]]", r"swarm\.targets has 1 cells for 2 robots"),

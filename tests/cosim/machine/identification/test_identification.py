@@ -17,8 +17,10 @@ from cosim.calibration.trial import Trial, heading_angles
 from cosim.fmi.motor import MotorFmu
 from cosim.machine.identification.fit import Fit, unidentifiable
 from cosim.machine.identification.noise import Noise, deviance, likeliest_noise, residuals
+from cosim.machine.identification.result import _preset
 from cosim.machine.identification.simulated import (
     Machine,
+    Simulated,
     machine,
     parameters_of,
     tracks,
@@ -300,6 +302,16 @@ def observed(
     poses += draw_sight(CAMERA, np.random.default_rng(seed), frames)[:, :3]
     steps = np.minimum((times / HOLD_S + 1e-9).astype(int), len(sequence) - 1)
     return SeenTrack(times, poses, np.array(sequence)[steps])
+
+
+def test_the_preset_of_a_fast_camera_can_be_read(tmp_path):
+    times, still = np.arange(100) / 2000.0, np.zeros((100, 2))
+    track = SeenTrack(times, np.zeros((100, 3)), still)
+    drive, count = Simulated(still, still, times, CoSimConfig()), len(NAMES)
+    noise = Noise(5e-4, 0.01, 1e-7, 1e-3)
+    found = Fit(usual_values(), 1e-6 * np.eye(count), noise, still, track.poses, 1)
+    _preset(track, "track.csv", find_preset("paper"), drive, found).save(tmp_path / "robot.toml")
+    assert find_preset(tmp_path / "robot.toml").config().world.camera.rate_hz == 1000.0
 
 
 @pytest.mark.slow
