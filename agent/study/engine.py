@@ -1,7 +1,7 @@
 """The engine of all studies: cases become jobs, jobs episodes that are kept, and these rows."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from itertools import islice, product
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import msgspec
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.claims import Claim, JudgedClaim
 from agent.evaluation.rows import Failure, Row, measures
+from agent.study.options import Sampling
 from agent.study.policies import policy_of
 from agent.study.store import EpisodeStore
 from cosim.base.arguments import ConfigError, to_plain
@@ -31,6 +32,8 @@ EPISODES: JobKind[Job, EpisodeResult] = JobKind(
     succeeded=lambda result: result.outcome == Outcome.SUCCESS,
     prepare=lambda jobs, threads: compile_kernels(jobs[0].task(), len(jobs), threads),
 )
+# Options that are taken before those of the physics, for messages about unknown ones.
+_OF_STUDY = [f.name for kind in (Sampling, Workers) for f in fields(kind) if f.name != "where"]
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,7 @@ def lines_of(
         chosen = dict(zip(axes, values, strict=True))
         physics = {"world": None, **given, **chosen}
         world = physics.pop("world")
-        options = options_of("study", physics)
+        options = options_of("study", physics, *_OF_STUDY)
         only = None if board is None else options.board(find_in_world(board, world)[0])
         key = name, only, str(options.preset)
         if key not in found:

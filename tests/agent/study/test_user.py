@@ -205,6 +205,7 @@ def test_a_file_has_nothing_of_the_command(tmp_path):
         (study, Stubborn(), {"episodes": 0}, "episodes = 0 is invalid"),
         (study, Stubborn(), {"out": 5}, "out = 5 is invalid"),
         (study, Stubborn(), {"jobs": "x"}, "jobs = 'x' is invalid"),
+        (study, Stubborn(), {"confidnce": 0.9}, r"did you mean confidence\?"),
         (study, Stubborn(), {"backend": "x"}, "backend = 'x' is unknown"),
         (study, Stubborn(), {"budget_minutes": -1}, "budget_minutes = -1 is invalid"),
         (study, Stubborn(), {"budget_minutes": np.nan}, "budget_minutes = nan is invalid"),
