@@ -192,13 +192,6 @@ def test_a_method_is_one_next_to_a_folder_of_its_name(tmp_path, monkeypatch):
         policy_files(["other"])
 
 
-def test_the_default_is_at_most_what_the_scenario_has(whole, near_file):
-    out, report = whole
-    assert run(near_file, out, recordings=1) == report
-    with pytest.raises(UserError, match="has only 4 starts, not 50"):
-        run(near_file, out, starts=50)
-
-
 def test_episodes_are_exported(whole, tmp_path):
     export(whole[0], tmp_path / "episodes.parquet")
     table = parquet.read_table(tmp_path / "episodes.parquet").to_pydict()
