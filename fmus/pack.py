@@ -20,15 +20,15 @@ def pack_sources(folder: Path, out: Path, progress: Progress) -> Path:
     Raises:
         UserError: the folder is no FMU with sources, or they cannot be compiled.
     """
+    needed = "modelDescription.xml", "sources/buildDescription.xml"
+    if not all((folder / name).is_file() for name in needed):
+        raise UserError(
+            f"{folder} is not an unpacked FMI 3.0 FMU with sources: it needs {' and '.join(needed)}"
+        )
     try:
         configurations = fmpy.model_description.read_build_description(folder)
     except Exception as error:  # fmpy raises plain Exceptions and those of XML
-        raise UserError(f"{folder}/sources/buildDescription.xml: {error}; fix it") from error
-    if not configurations or not (folder / "modelDescription.xml").is_file():
-        raise UserError(
-            f"{folder} is not an unpacked FMI 3.0 FMU with sources: it needs "
-            "modelDescription.xml and sources/buildDescription.xml"
-        )
+        raise UserError(f"{folder / needed[1]}: {error}; fix it") from error
     files = {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in sorted(folder.rglob("*"))

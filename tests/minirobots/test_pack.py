@@ -4,17 +4,18 @@ import pytest
 
 
 @pytest.mark.parametrize(
-    ("files", "message"),
+    ("build", "message"),
     [
-        ({}, "not an unpacked FMI 3.0 FMU with sources"),
-        ({"sources/buildDescription.xml": "<a/>"}, "buildDescription.xml: Unsupported"),
-        ({"sources/buildDescription.xml": "no XML"}, "buildDescription.xml: Start tag expected"),
+        (None, "not an unpacked FMI 3.0 FMU with sources"),
+        ("<a/>", "buildDescription.xml: Unsupported"),
+        ("no XML", "buildDescription.xml: Start tag expected"),
     ],
 )
-def test_other_folders_are_refused(files, message, tmp_path, command):
+def test_other_folders_are_refused(build, message, tmp_path, command):
     (tmp_path / "mine" / "sources").mkdir(parents=True)
-    for name, content in files.items():
-        (tmp_path / "mine" / name).write_text(content)
+    (tmp_path / "mine" / "modelDescription.xml").touch()
+    if build is not None:
+        (tmp_path / "mine" / "sources" / "buildDescription.xml").write_text(build)
     done = command("fmu", "--sources", tmp_path / "mine", "--out", tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     assert message in done.stderr
@@ -22,6 +23,8 @@ def test_other_folders_are_refused(files, message, tmp_path, command):
     done = command("fmu", "motor", "--sources", tmp_path / "mine", "--out", tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     assert "leave other options out" in done.stderr
+    done = command("fmu", "--sources", tmp_path / "nowhere", "--out", tmp_path)
+    assert "nowhere is not an unpacked FMI 3.0 FMU with sources" in done.stderr
 
 
 @pytest.mark.long
