@@ -21,7 +21,6 @@ from agent.web.playing import Play, deciding, new_play
 from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.storage import require_suffix, write_whole
-from cosim.model.config import CoSimConfig
 from cosim.model.outcome import BY_RANK
 from cosim.model.params import feet_names, motor_names, mounts_of
 from cosim.model.scenario import Scenario
@@ -43,18 +42,6 @@ _PARTS = Path(__file__).with_name("page")
 _WORKER = ("machine.js", "episode.js", "worker.js")
 _SCRIPT = ("board.js", "plot.js", "main.js")
 _FRAME_S = 0.025  # of simulated time between two pictures
-
-
-def require_playable(scenario: Scenario, config: CoSimConfig) -> None:
-    """Refuse what a page cannot play with a ConfigError, which names it."""
-    lacking = {"--motor-fmu": config.motor_fmu, "--open-loop": config.open_loop}
-    if found := [name for name, asked in lacking.items() if asked]:
-        raise ConfigError(f"a page cannot play {', '.join(found)}; leave it out")
-    if scenario.robots > MOST_ROBOTS:
-        raise ConfigError(
-            f"scenario {scenario.name} has {scenario.robots} robots, but a page plays at most "
-            f"{MOST_ROBOTS}; choose another scenario"
-        )
 
 
 def write_page(
@@ -79,10 +66,15 @@ def write_page(
         seed: that the page begins with.
 
     Raises:
-        ConfigError: an option cannot be played.
+        ConfigError: an option has no effect or cannot be played.
         UserError: the policy has no kernel, or a compiler is missing.
     """
     options, out = options or SimulationOptions(), require_suffix(out, ".html")
+    refused = {"--motor-fmu": options.motor_fmu, "--open-loop": options.open_loop}
+    if found := [name for name, asked in refused.items() if asked]:
+        raise ConfigError(f"a page cannot play {', '.join(found)}; leave it out")
+    if policy is not None and method is not None:
+        raise ConfigError("--method has no effect on a trained policy; leave one of them out")
     if seed > MOST_SEED:
         raise ConfigError(f"seed = {seed} is more than a browser can count; give at most 2^53 - 1")
     more = [ROUGH if name == "rough" else Path(name) for name in worlds]
@@ -93,16 +85,21 @@ def write_page(
             "first world is; rename a file"
         )
     board, _ = find_in_world(scenario, options.world)
+    if board.robots > MOST_ROBOTS:
+        raise ConfigError(
+            f"scenario {board.name} has {board.robots} robots, but a page plays at most "
+            f"{MOST_ROBOTS}; choose another scenario"
+        )
     for file in files.values():  # before anything is measured
         other, world = find_in_world(scenario, file)
-        require_playable(other, options.config(world))
+        options.config(world)  # which refuses what does not fit
         if other != board:
             raise ConfigError(f"{file} has other obstacles; write another page for that world")
     playing = _policy(options.board(board), options, policy, method, progress)
     setups = {name: resolve(options, scenario, progress, world=files[name]) for name in files}
     with under_way(progress, "compiling the episode"):
-        found = [_world(name, playing, setup, seed) for name, setup in setups.items()]
-    write_whole(out, _html(playing, setups["own"], found, seed))
+        data = [_world(name, playing, setup, seed) for name, setup in setups.items()]
+    write_whole(out, _html(playing, setups["own"], data, seed))
     return out.stat().st_size
 
 

@@ -209,13 +209,6 @@ class Web(Command):
         default_factory=SimulationOptions
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.policy is not None and self.method is not None:
-            raise ConfigError("--method has no effect on a trained policy; leave one of them out")
-        if self.physics.motor_fmu:
-            raise ConfigError("a page has the built-in motor only; leave out --motor-fmu")
-
     def run(self, progress: Progress) -> Output:
         from agent.web.page import write_page
 
