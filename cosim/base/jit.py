@@ -101,7 +101,7 @@ class KernelLocator:
 def digest_of_sources(root: Path) -> str:
     """Return a hash of the sources below a folder that have kernels."""
     files = sorted(file for folder in ("agent", "cosim") for file in root.glob(f"{folder}/**/*.py"))
-    return digest_of([str(file.relative_to(root)) for file in files], *files)
+    return digest_of([file.relative_to(root).as_posix() for file in files], *files)
 
 
 def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:
