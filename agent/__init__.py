@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from agent.mdp.greedy import GreedyPolicy
     from agent.moves.worlds import WorldRange
     from agent.training.methods import Method
-    from agent.training.policy import Policy
     from cosim.model.preset import Preset
 
 __all__ = ["Policy", "UserError", "load", "methods", "train"]
