@@ -2,7 +2,7 @@
 
 That is the FMUs for all platforms, and kernels of pages for the paper's robot. hatchling calls it,
 with the project's dependencies at hand. MINIROBOTS_WHEEL_TARGETS and MINIROBOTS_WHEEL_PAGES name
-fewer of both (separated by spaces) for whoever needs a wheel sooner.
+fewer of both, separated by spaces, for a wheel that is built sooner.
 """
 
 import os

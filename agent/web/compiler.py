@@ -82,7 +82,7 @@ def _compile(kernels: Kernels, record: tuple[Any, ...]) -> bytes:
     if not importlib.util.find_spec("ziglang"):
         raise UserError(
             "the kernels of this page are compiled by ziglang, which is missing: install the extra "
-            "`build`; wheels have those of the paper's robot"
+            "`build`; wheels have those of most pages of the paper's robot"
         )
     with temporary_folder() as folder:
         work = Path(folder)
