@@ -1,7 +1,8 @@
 """Compilation of kernels: numba, cached on disk, without the interpreter lock.
 
 numba notices changes of a kernel's own file only. Here kernels are kept in a folder that is named
-by a hash of all sources that have kernels, so that any change compiles again.
+by a hash of the sources that they can depend on: those of their own layer and of the layers below
+it. An edit compiles the kernels of its layer and above it again, and leaves those below.
 """
 
 import contextlib
@@ -25,6 +26,13 @@ from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, is_intact, lock_of, require_cache, write_checksum
 
 Kernel = TypeVar("Kernel", bound=Callable)
+# Folders in the order of imports, lowest first (a test compares it with the import contracts).
+LAYERS = (
+    *("cosim/base", "cosim/model", "cosim/physics", "cosim/onboard", "cosim/fmi"),
+    *("cosim/coupling", "cosim/calibration", "cosim/recording", "cosim/simulation"),
+    *("cosim/machine", "agent/mdp", "agent/moves", "agent/envs", "agent/training"),
+    *("agent/evaluation", "agent/study", "agent/experiments", "agent/web"),
+)
 TRANSIENT = "MINIROBOTS_TRANSIENT"  # in the environment of a process whose kernels are not kept
 _SETTINGS: Any = config
 _LOGGER = logging.getLogger(__name__)
@@ -65,10 +73,10 @@ class KernelLocator:
     """Place of a kernel's machine code, as numba's setting CACHE_LOCATOR_CLASSES takes it."""
 
     def __init__(self, function: Callable, file: str) -> None:
-        own = function.__module__.partition(".")[0] in {"agent", "cosim"}
-        stamp = "" if own else digest_of(Path(file))
+        layer = "/".join(function.__module__.split(".")[:2])
+        stamp = "" if layer in LAYERS else digest_of(Path(file))
         self.name = digest_of(function.__module__, function.__code__.co_firstlineno, stamp)
-        sources = digest_of_sources(Path(__file__).parents[2])
+        sources = digest_of_sources(Path(__file__).parents[2], layer)
         self.folder = cache_dir(f"kernels/{digest_of(numba.__version__, sources)}")
 
     @classmethod
@@ -98,9 +106,15 @@ class KernelLocator:
 
 
 @functools.cache
-def digest_of_sources(root: Path) -> str:
-    """Return a hash of the sources below a folder that have kernels."""
-    files = sorted(file for folder in ("agent", "cosim") for file in root.glob(f"{folder}/**/*.py"))
+def digest_of_sources(root: Path, layer: str = LAYERS[-1]) -> str:
+    """Return a hash of the sources that kernels of a layer can depend on.
+
+    Args:
+        root: the folder that has the layers.
+        layer: one of `LAYERS`; all sources count for a folder outside them.
+    """
+    last = LAYERS.index(layer) if layer in LAYERS else len(LAYERS)
+    files = [file for below in LAYERS[: last + 1] for file in sorted(root.glob(f"{below}/**/*.py"))]
     return digest_of([file.relative_to(root).as_posix() for file in files], *files)
 
 

@@ -1,12 +1,17 @@
 """Compiled kernels in the cache: found again, and compiled again where they are damaged."""
 
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
-from cosim.base.jit import digest_of_sources, inlined, is_compiled, kernel
+from cosim.base.jit import LAYERS, digest_of_sources, inlined, is_compiled, kernel
 from cosim.base.storage import CACHE
 from tests.alone import python
+
+ROOT = Path(__file__).parents[3]
 
 
 def halved(value):
@@ -43,15 +48,43 @@ def test_damaged_kernels_are_compiled_again(tmp_path, monkeypatch, caplog):
         assert run() == (1.5, 1)
 
 
-def test_every_change_of_the_sources_compiles_again(tmp_path):
-    found = set()
-    for name, text in (("a.py", "x = 1"), ("a.py", "x = 2"), ("b.py", "x = 2")):
-        folder = tmp_path / f"{name}{text}"
-        (folder / "cosim" / "deep").mkdir(parents=True)
-        (folder / "cosim" / "deep" / name).write_text(text)
-        (folder / "other.py").write_text(text)
-        found.add(digest_of_sources(folder))
-    assert len(found) == 3
+def test_kernels_depend_on_their_layer_and_those_below(tmp_path):
+    for layer in LAYERS:
+        (tmp_path / layer / "deep").mkdir(parents=True)
+        (tmp_path / layer / "deep" / "a.py").write_text("x = 1")
+
+    def digests():
+        digest_of_sources.cache_clear()
+        return [digest_of_sources(tmp_path, layer) for layer in [*LAYERS, "docs/examples"]]
+
+    before = digests()
+    for edited, layer in enumerate(LAYERS):
+        (tmp_path / layer / "deep" / "a.py").write_text("x = 2")
+        after = digests()
+        assert [a != b for a, b in zip(after, before, strict=True)] == [
+            number >= edited for number in range(len(before))
+        ]
+        before = after
+    (tmp_path / LAYERS[0] / "b.py").write_text("x = 2")
+    assert not set(digests()) & set(before)
+
+
+def test_layers_are_those_of_the_import_contracts():
+    linter = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]
+    whole, agent, *_ = (contract.get("layers") for contract in linter["contracts"])
+    rows = [{name.strip() for name in row.split("|")} for row in [*reversed(whole)]]
+    order = [{name.replace(".", "/") for name in row} for row in rows]
+    order += [{name.replace(".", "/")} for name in reversed(agent)]
+    for lower, layer in enumerate(LAYERS):
+        for higher in LAYERS[lower + 1 :]:
+            places = [
+                next(n for n, row in enumerate(order) if any(r.startswith(name) for r in row))
+                for name in (layer, higher)
+            ]
+            assert places[0] <= places[1], (layer, higher)
+    for folder in (*ROOT.glob("cosim/*/"), *ROOT.glob("agent/*/")):
+        if any("base.jit import" in file.read_text("utf-8") for file in folder.rglob("*.py")):
+            assert folder.relative_to(ROOT).as_posix() in LAYERS
 
 
 def itself(array):
