@@ -91,7 +91,7 @@ def read_rows(picture: Picture) -> list[dict[str, str]]:
     Raises:
         ValueError: the page has not exactly one such table, or the table lacks a column.
     """
-    text = (DOCS / f"{picture.page}.md").read_text(encoding="utf-8")
+    text = re.sub("<!--.*?-->", "", (DOCS / f"{picture.page}.md").read_text(encoding="utf-8"))
     found = re.findall(rf"^\| {re.escape(picture.table)}.*(?:\n\|.*)+", text, re.MULTILINE)
     if len(found) != 1:
         raise ValueError(f"docs/{picture.page}.md has {len(found)} tables '{picture.table}', not 1")

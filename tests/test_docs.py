@@ -127,3 +127,27 @@ def test_the_pages_of_scenarios_and_environments_have_all_of_them():
     assert [n for n in names if f"`{n}`" not in scenarios] == []
     ids = [spec for spec in gymnasium.registry if "MiniRobots" in spec]
     assert [spec for spec in ids if spec[-9:] not in environments] == []
+
+
+def _anchors(page: Path) -> set[str]:
+    """Anchors of a page's headings, as repositories and the site name them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+    headings = [
+        re.sub(r"\[([^\]]*)\]\([^)]*\)|[`*]", r"\1", heading)
+        for heading in re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    ]
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_every_link_and_anchor_resolves_in_the_repository():
+    broken = []
+    for page in runpy.run_path(str(ROOT / ".ci" / "pages.py"))["pages"]():
+        text = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+        for link in re.findall(r"\]\(([^)\s]+)\)", text):
+            target, _, anchor = link.partition("#")
+            file = page if not target else page.parent / target
+            if re.match(r"\w+:", target):
+                continue
+            if not file.exists() or (anchor and anchor not in _anchors(file)):
+                broken.append((page.relative_to(ROOT).as_posix(), link))
+    assert broken == []

@@ -1,4 +1,4 @@
-"""A number stands in one place: pages insert it from docs/results and do not contradict others."""
+"""Pages read complete: numbers and code stand in them, as written from results and sources."""
 
 import json
 import re
@@ -8,17 +8,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-NUMBERS = runpy.run_path(str(ROOT / ".ci" / "results.py"))
-INSERTED, inserted = NUMBERS["INSERTED"], NUMBERS["inserted"]
+WRITER = runpy.run_path(str(ROOT / ".ci" / "pages.py"))
+NUMBER = WRITER["NUMBER"]
 FILES = sorted((ROOT / "docs" / "results").glob("*.json"))
-PAGES = {
-    path.relative_to(ROOT).as_posix(): " ".join(path.read_text("utf-8").split())
-    for path in [
-        *sorted((ROOT / "docs").glob("*.md")),
-        *sorted((ROOT / "fmus").glob("*/README.md")),
-        *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "minirobots/commands.md")),
-    ]
-}
+PAGES = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in WRITER["pages"]()}
+PLAIN = {name: " ".join(WRITER["plain"](page).split()) for name, page in PAGES.items()}
 # Quantities that pages are likely to repeat, each with the words around its value.
 QUANTITIES = {
     "speed of one pair": r"([\d.]+) times as fast as real time",
@@ -48,26 +42,33 @@ def _leaves(values: dict, above: str = "") -> dict[str, str]:
     return leaves
 
 
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_has_the_present_numbers_and_code(page):
+    assert WRITER["written"](PAGES[page]) == PAGES[page], "run `uv run python .ci/pages.py`"
+    assert "{{" not in PAGES[page]
+    assert "--8<--" not in PAGES[page]
+
+
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_results_are_used_and_have_a_command_that_a_page_shows(file):
     values = json.loads(file.read_text("utf-8"))
     command = values.pop("command")
-    assert any(command in page for page in PAGES.values()), command
-    used = {m[2] for page in PAGES.values() for m in INSERTED.finditer(page) if m[1] == file.stem}
+    assert any(command in page for page in PLAIN.values()), command
+    used = {m[2] for page in PAGES.values() for m in NUMBER.finditer(page) if m[1] == file.stem}
     assert used == _leaves(values).keys()
 
 
-def test_inserted_numbers_are_not_written_by_hand_on_other_pages():
+def test_results_are_not_written_by_hand_on_other_pages():
     found = []
     for page in PAGES.values():
-        for match in INSERTED.finditer(page):
-            text = inserted(match)
+        for match in NUMBER.finditer(page):
+            text = match[3]
             if len(text) <= 5:  # a short value means something with its unit alone
                 unit = re.match(r" [^\s|.,;:)]+", page[match.end() :])
                 text = text + unit[0] if unit else ""
             alone = re.compile(rf"(?<![\d.]){re.escape(text)}(?!\w)")
             others = {name for name, other in PAGES.items() if match[0] not in other}
-            found += [(name, text) for name in others if text and alone.search(PAGES[name])]
+            found += [(name, text) for name in others if text and alone.search(PLAIN[name])]
     assert found == []
 
 
@@ -75,12 +76,14 @@ def test_inserted_numbers_are_not_written_by_hand_on_other_pages():
 def test_a_quantity_has_one_value(quantity):
     values = {
         "".join(match.groups(default="")).strip(): name
-        for name, page in PAGES.items()
-        for match in re.finditer(QUANTITIES[quantity], INSERTED.sub(inserted, page))
+        for name, page in PLAIN.items()
+        for match in re.finditer(QUANTITIES[quantity], page)
     }
     assert len(values) == 1, f"{quantity}: {values}"
 
 
-def test_a_name_that_no_file_has_is_an_error():
+def test_what_results_and_sources_lack_is_an_error():
     with pytest.raises(KeyError):
-        NUMBERS["on_page_markdown"]("{{platform.none}}")
+        WRITER["written"]("<!--platform.none-->1<!--/-->")
+    with pytest.raises(ValueError, match="0 places 'begin none'"):
+        WRITER["written"]("<!--agent/mdp/grid.py:none-->\n```python\n\n```\n")

@@ -30,8 +30,8 @@ from cosim.model.params import FIG_3
 from cosim.model.scenario_file import PAPER, find_scenario
 
 ROOT = Path(__file__).parents[1]
-INSERT = runpy.run_path(str(ROOT / ".ci" / "results.py"))["on_page_markdown"]
-PAGE = " ".join(INSERT((ROOT / "docs" / "paper.md").read_text("utf-8")).split())
+PLAIN = runpy.run_path(str(ROOT / ".ci" / "pages.py"))["plain"]
+PAGE = " ".join(PLAIN((ROOT / "docs" / "paper.md").read_text("utf-8")).split())
 EPISODES = 5_000_000
 RUNS = 20
 

@@ -186,7 +186,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
             arrived += 1
             continue
         terrain = process.terrain[i, world[i, X] + 1, world[i, Y] + 1]
-        # --8<-- [start:reward]
+        # begin reward
         # Eq. (8), and its last case by Eq. (11)
         if terrain == FREE and not touched:
             diagonal = (world[i, VX] * world[i, VY]) & 1
@@ -205,7 +205,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
             rewards[i] = -process.goal_reward
             if outcome == RUNNING:
                 outcome = COLLISION
-        # --8<-- [end:reward]
+        # end reward
     if outcome == RUNNING and arrived == n:
         return SUCCESS
     return outcome

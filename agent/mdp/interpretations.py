@@ -183,12 +183,12 @@ def _move_reward(scenario: Scenario, config: ProcessConfig) -> np.ndarray:
     squared = np.arange(math.ceil(limit_cells**2 - 1e-9) + 1)
     distance = np.minimum(np.sqrt(squared), limit_cells)
     cost = config.step_cost * np.array([1.0, config.diagonal_cost])[:, None, None]
-    # --8<-- [start:pair]
+    # begin pair
     # Eq. (12), of robots that do not approach and that do
     b = np.array([1.0, config.approach_coefficient])[:, None]
     # Eq. (11)
     reward = -b * (1.0 - distance / limit_cells) - cost
-    # --8<-- [end:pair]
+    # end pair
     return reward.astype(np.float32)
 
 

@@ -168,7 +168,7 @@ def _run_episodes(
                 updated = 0
                 if learning.double_q:
                     updated = np.int64(next_word(random) & _ONE)
-                # --8<-- [start:update]
+                # begin update
                 if world[i, STATUS] == MOVING:
                     s_next = state_index(process, world, i)
                     target = rewards[i]
@@ -195,7 +195,7 @@ def _run_episodes(
                 else:
                     # Eq. (7) in a terminal state
                     q[updated, i, s, a] += eta * (rewards[i] - q[updated, i, s, a])
-                # --8<-- [end:update]
+                # end update
         agent_steps += moves
         path_cells = (moves - diagonal_moves) + SQRT_2 * diagonal_moves
         log_episode(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)

@@ -44,23 +44,23 @@ def distance_thresholds(scenario: Scenario) -> DistanceThresholds:
 @inlined
 def distance_class(squared_distance: int, thresholds: DistanceThresholds) -> int:
     """Eq. (9): NEAR, MEDIUM or LARGE; contact distances count as NEAR."""
-    # --8<-- [start:distance]
+    # begin distance
     # Eq. (9)
     if squared_distance <= thresholds.near:
         return NEAR
     if squared_distance <= thresholds.medium:
         return MEDIUM
     return LARGE
-    # --8<-- [end:distance]
+    # end distance
 
 
 @inlined
 def gradient_sign(squared_distance: int, previous: int) -> int:
     """Eq. (10): sign(distance(t) − distance(t−1)) as −1, 0 or 1."""
-    # --8<-- [start:gradient]
+    # begin gradient
     # Eq. (10)
     return int(squared_distance > previous) - int(squared_distance < previous)
-    # --8<-- [end:gradient]
+    # end gradient
 
 
 class Observation(NamedTuple):

@@ -1,0 +1,58 @@
+"""Write numbers and code into the pages: `uv run python .ci/pages.py`.
+
+`<!--FILE.key-->value<!--/-->` in a page has that value of docs/results/FILE.json, a file with what
+its `command` measured. `<!--FILE:name-->` above a block of code has it from FILE, between its
+lines `begin name` and `end name`. `tests/test_numbers.py` fails on pages that this would change.
+"""
+
+import json
+import re
+import textwrap
+from functools import reduce
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+NUMBER = re.compile(r"<!--([\w-]+)\.([\w.-]+)-->(.*?)<!--/-->")
+CODE = re.compile(r"(<!--([\w./]+):(\w+)-->\n```python\n).*?(\n```\n)", re.DOTALL)
+
+
+def pages() -> list[Path]:
+    """Return the Markdown files of the repository."""
+    folders = ("", "docs/", "fmus/*/", "minirobots/")
+    return sorted(file for folder in folders for file in ROOT.glob(f"{folder}*.md"))
+
+
+def number(file: str, key: str) -> str:
+    """Return a value of docs/results/FILE.json; an unknown name is a `KeyError`."""
+    values = json.loads((ROOT / f"docs/results/{file}.json").read_text("utf-8"))
+    return str(reduce(lambda value, name: value[name], key.split("."), values))
+
+
+def code(file: str, name: str) -> str:
+    """Return the lines of a source between its marks of a name; a `ValueError` if it has none."""
+    text = (ROOT / file).read_text("utf-8")
+    found = re.findall(
+        rf"^ *# begin {name}\n(.*?)\n *# end {name}$", text, re.DOTALL | re.MULTILINE
+    )
+    if len(found) != 1:
+        raise ValueError(f"{file} has {len(found)} places 'begin {name}', not 1")
+    return textwrap.dedent(found[0])
+
+
+def written(text: str) -> str:
+    """Return a page with the present numbers and code."""
+    text = NUMBER.sub(lambda m: f"<!--{m[1]}.{m[2]}-->{number(m[1], m[2])}<!--/-->", text)
+    return CODE.sub(lambda m: f"{m[1]}{code(m[2], m[3])}{m[4]}", text)
+
+
+def plain(text: str) -> str:
+    """Return a page as it reads, without the marks of numbers."""
+    return NUMBER.sub(r"\3", text)
+
+
+if __name__ == "__main__":
+    for page in pages():
+        before = page.read_text("utf-8")
+        if (after := written(before)) != before:
+            page.write_text(after, "utf-8")
+            print(page.relative_to(ROOT))
