@@ -1,6 +1,7 @@
 """Hook of mkdocs.yml: pages from files outside docs/, and one reference page per package.
 
-The first page shows robots that drive in it.
+The first page shows robots that drive in it, if docs/play.html was written before
+(`uv run minirobots web --scenario 4 --method shortest --out docs/play.html`).
 
 A link is written as it works in the repository. On the site it leads to the page made of the file,
 and a link to a file that is no page becomes the words alone.
@@ -8,15 +9,12 @@ and a link to a file that is no page becomes the words alone.
 
 import os
 import re
-import tempfile
 from pathlib import Path, PurePosixPath
 
 from griffe import Extension, Object
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-
-from agent.web.page import write_page
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("minirobots", "cosim", "agent", "analysis", "fmus")
@@ -30,10 +28,10 @@ PAGES = {
     "fmus/vibration_motors/README.md": "motors.md",
 }
 SOURCES = {page: source for source, page in PAGES.items()}
-PLAYED = "4"  # scenario on the first page
 EMBEDDED = (
-    f'<iframe src="play.html" title="Robots of scenario {PLAYED} that drive in this page" '
-    'loading="lazy" style="width: 100%; height: 64rem; border: 0"></iframe>'
+    "## Watch robots drive\n\nThe co-simulation, computed in your browser:\n\n"
+    '<iframe src="play.html" title="Robots that drive in this page" '
+    'loading="lazy" style="width: 100%; height: 64rem; border: 0"></iframe>\n\n'
 )
 # An entry of a docstring's section that describes several names at once, "x, y: position".
 SHARED = re.compile(r"^( {4,8})(\w+(?:, \w+)+):(.*(?:\n\1 +\S.*)*)", re.MULTILINE)
@@ -67,10 +65,6 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
         first = f"::: {package}\n    options: {{heading_level: 1}}"
         content = "\n\n".join([first, *(f"::: {module}" for module in modules)])
         files.append(File.generated(config, f"reference/{package}.md", content=content))
-    with tempfile.TemporaryDirectory() as folder:
-        play = Path(folder) / "play.html"
-        write_page(play, PLAYED, method="shortest")
-        files.append(File.generated(config, "play.html", content=play.read_text("utf-8")))
 
 
 def on_page_markdown(markdown: str, page: Page, files: Files, **_: object) -> str:
@@ -89,7 +83,9 @@ def on_page_markdown(markdown: str, page: Page, files: Files, **_: object) -> st
         return f"{image}[{text}]({os.path.relpath(uri, PurePosixPath(here).parent)}{anchor})"
 
     written = LINK.sub(linked, markdown)
-    return f"{written}\n\n{EMBEDDED}" if here == "index.md" else written
+    if here == "index.md" and files.get_file_from_path("play.html"):
+        return written.replace("\n![", f"\n{EMBEDDED}![", 1)
+    return written
 
 
 class SharedEntries(Extension):
