@@ -31,7 +31,6 @@ PRODUCERS = (
     "agent.training.learning",
     "cosim.calibration.measuring",
     "cosim.calibration.shielding",
-    "cosim.machine.validation.validate",
 )
 
 

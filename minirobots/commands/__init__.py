@@ -32,7 +32,6 @@ COMMANDS = {  # module, class and purpose of every command
     "study": ("policies", "Study", "A study of your own: policies, scenarios, worlds, options"),
     "train": ("policies", "Train", "Train many runs of one configuration and evaluate them"),
     "transfer": ("policies", "Transfer", "Count the episodes that succeed, by method of training"),
-    "validate": ("motors", "Validate", "Compare speeds and paths with those of real machines"),
     "video": ("recordings", "Video", "Make a video of an episode: the board from above"),
     "web": ("episodes", "Web", "Write a page in which the robots drive in any browser"),
 }

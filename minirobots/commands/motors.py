@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,10 +13,9 @@ from analysis.motor.loop_options import StepTest
 from cosim.base import command as opt
 from cosim.base.arguments import validate_unique
 from cosim.base.errors import UserError
-from cosim.base.jobs import THREADS, Where
 from cosim.base.progress import Progress
 from cosim.base.storage import require_suffix, write_json
-from cosim.base.table import show, show_texts, write_report
+from cosim.base.table import show, show_texts
 from cosim.model.preset import PAPER, find_preset
 from cosim.simulation.options import Physics
 from fmus.compiler import TARGETS, host_target
@@ -318,46 +316,6 @@ def _lines(found: "Design", robot: "RobotParams") -> Iterator[str]:
     changes = zip(names, found.percent_per_percent.values(), strict=True)
     more = ", ".join(f"{name} {change:+.2f} %" for name, change in changes)
     yield f"Change of the speed for 1 % more: {more}."
-
-
-@dataclass(frozen=True, kw_only=True)
-class Validate(Command):
-    """Compare the simulation with published machines, each with its preset.
-
-    It compares twenty real Droplets, robot by robot; speeds at their motor speeds, steps per turn,
-    turning, closed paths driven by the clock, V-shaped steps, and the sensitivity of speeds to
-    parameters. Measurements are kept in the cache: the same command resumes.
-    """
-
-    kept = "measurements so far are in the cache; the same command continues"
-
-    out: opt.Folder = Path("runs/validation")
-    """Folder of the tables and a figure: validation.json, validation.md, droplets.png."""
-    quick: bool = False
-    """Short trial: two phases and two robots instead of eight each."""
-    seed: opt.Seed = 0
-    motor_fmu: opt.MotorFmuFile = None
-    where: Where = THREADS
-
-    def run(self, progress: Progress) -> Output:
-        from cosim.base.plotting import save_figure
-        from cosim.machine.validation.droplets import draw
-        from cosim.machine.validation.report import tables, text_of
-        from cosim.machine.validation.validate import FULL, QUICK, validate
-
-        count = QUICK if self.quick else FULL
-        fmu = Physics(motor_fmu=self.motor_fmu).fmu(progress)
-        report = validate(fmu, count, self.seed, self.where, progress)
-        write_report(self.out / "validation", report, text_of(report))
-        save_figure(draw(list(report.robots)), self.out / "droplets.png", dpi=110)
-        return Output(
-            report,
-            *(
-                partial(show, columns, rows, names=3, title=title)
-                for title, columns, rows in tables(report)
-            ),
-            f"results in {self.out}/: validation.json, validation.md, droplets.png",
-        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from tests.faults.killing import CACHED, REMADE, Case, Workplace, cases, errors_
 MOMENTS = 12
 ONE_BY_ONE = (
     "training", "sweep", "evaluation", "transfer", "robustness",
-    "validation", "study", "report", "FMU",
+    "study", "report", "FMU",
 )  # fmt: skip
 # Whose results a command reads.
 NEEDED = {"evaluation": "training", "report": "reproduction"}

@@ -14,8 +14,6 @@ from agent.study.user import study
 from agent.training.runs import Experiment, make_runs
 from agent.training.settings import LearningConfig
 from cosim.base.jobs import Workers
-from cosim.machine.validation import validate as measurement
-from cosim.machine.validation.published import SPEEDS
 from cosim.model.scenario_file import ROUGH, find_scenario, read_world
 from cosim.simulation.options import SimulationOptions
 from tests.agent.study.test_transfer import BOARD
@@ -28,17 +26,7 @@ def training(out: Path, where: Workers) -> Any:
     return [policy.digest() for policy, _ in runs]
 
 
-def validation(out: Path, where: Workers) -> Any:
-    out.mkdir()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(measurement, "SPEEDS", SPEEDS[-2:])
-        patch.setattr(measurement, "PATHS", ())
-        patch.setattr(measurement, "cache_dir", lambda _: out)
-        fmu = SimulationOptions().fmu()
-        return measurement.validate(fmu, measurement.QUICK, where=where).speeds
-
-
-NAMES = ("claim", "evaluate", "robustness", "study", "training", "transfer", "validate")
+NAMES = ("claim", "evaluate", "robustness", "study", "training", "transfer")
 
 
 def rows(name: str, out: Path, where: Workers, policy: Path) -> Any:
@@ -59,7 +47,6 @@ def rows(name: str, out: Path, where: Workers, policy: Path) -> Any:
         "study": lambda: study(policy, noise=[0.0, 0.05], episodes=2, **work).rows,
         "training": lambda: training(out, where),
         "transfer": lambda: transfer(TransferOptions(scenarios=(str(board),), quick=True, **few)),
-        "validate": lambda: validation(out, where),
     }[name]()
     return timeless(msgspec.json.decode(msgspec.json.encode(found)))
 

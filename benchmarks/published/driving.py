@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.published.points import Legs
 from cosim.calibration.measuring import AHEAD, AIRBORNE, TURNING, Point, measure_batch
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.fmi.motor import MotorFmu
 from cosim.machine.platform.motion import drift_speed, lift_off_speed, robot_platform, sensitivities
-from cosim.machine.validation.published import Legs
 from cosim.model.config import CoSimConfig
 from cosim.physics.body_state import PLANE, QUATERNION
 

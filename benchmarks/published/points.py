@@ -1,13 +1,13 @@
 """Numbers that were published of robots of this family: what, by whom, and how certain.
 
 Figures only, each with the preset that it is compared with. *seen* is read in the source or its
-stored text, *recalled* is from memory, *derived* is computed here from numbers that were seen.
+stored text, *derived* is computed here from numbers that were seen.
 """
 
 import math
 from typing import Literal, NamedTuple
 
-Certainty = Literal["seen", "recalled", "derived"]
+Certainty = Literal["seen", "derived"]
 Manoeuvre = Literal["forwards", "backwards", "left", "right"]
 Legs = tuple[
     tuple[Manoeuvre, float], ...
@@ -62,7 +62,7 @@ def sideways(steps: int, leg_m: float, half_rad: float) -> PublishedPath:
 
 
 _ICRA = "ICRA 2006, prototype: 0.5 to 1.5 mm/s at 1050 to 1200 rad/s"
-_KILOBOT = "Kilobot, two vibration motors on three legs: another machine, for the order"
+_KILOBOT = "Kilobot, ICRA 2012, two vibration motors on three legs: another machine, for the order"
 _DROPLET = "Droplet, three vibration motors: another machine, for the order"
 
 # That the ends of the ranges of speeds and motor speeds belong to each other is assumed.
@@ -72,8 +72,8 @@ SPEEDS = (
     PublishedSpeed("icra2006", "forwards", 1200.0, 1.5, "seen", _ICRA),
     PublishedSpeed("icra2006", "backwards", 1050.0, None, "seen", _ICRA),
     PublishedSpeed("icra2006", "backwards", 1200.0, None, "seen", _ICRA),
-    PublishedSpeed("paper", "forwards", 1083.0, 10.0, "recalled", _KILOBOT),
-    PublishedSpeed("paper", "left", 1083.0, 45.0, "recalled", _KILOBOT),
+    PublishedSpeed("paper", "forwards", 1083.0, 10.0, "seen", _KILOBOT),
+    PublishedSpeed("paper", "left", 1083.0, 45.0, "seen", _KILOBOT),
 )
 
 # The V are of 1 cm legs and 20° to either side (assumed; what was published is not at hand).

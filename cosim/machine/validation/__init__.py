@@ -1,1 +1,0 @@
-"""The simulation compared with published machines."""
