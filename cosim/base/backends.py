@@ -5,9 +5,7 @@ else. What a task does is the caller's.
 """
 
 import contextlib
-import itertools
 import multiprocessing
-import os
 import pickle
 import re
 import socket
@@ -19,12 +17,11 @@ import joblib
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from cosim.base.errors import UserError, installing
-from cosim.base.jobs import Backend, Workers, always
+from cosim.base.jobs import Workers, always
 
 ATTEMPTS = 4  # of a task after its worker died; a task that kills every worker must end
 CONNECT_TIMEOUT_S = 10.0  # to a cluster's head
-# Protocols of addresses; one without a protocol is of the first.
-_SCHEMES = {"dask": ("tcp", "tls", "ws", "wss"), "ray": ("ray",)}
+SCHEMES = ("tcp", "tls", "ws", "wss")  # protocols of a cluster's address; the first by default
 Deaths = tuple[type[BaseException], ...]
 
 
@@ -41,11 +38,14 @@ def sweep(
         yield from ((k, function(task)) for k, task in remaining.items() if may_begin())
         return
     if address is not None and address != "auto":
-        _require_listener(backend, address)
-    clusters = {"dask": _dask, "ray": _ray}
-    connect = clusters.get(backend, lambda *_: contextlib.nullcontext((BrokenProcessPool,)))
+        _require_listener(address)
+    cluster: contextlib.AbstractContextManager[Deaths] = (
+        _dask(where, (function, tasks))
+        if backend == "dask"
+        else contextlib.nullcontext((BrokenProcessPool,))
+    )
     name = "threading" if backend == "threads" else backend
-    with connect(where, (function, tasks)) as deaths, joblib.parallel_config(name):
+    with cluster as deaths, joblib.parallel_config(name):
         for _ in range(ATTEMPTS):
             calls = (
                 joblib.delayed(_numbered)(function, *item)
@@ -53,7 +53,8 @@ def sweep(
                 if may_begin()
             )
             try:
-                for index, result in _results(backend, jobs, calls):
+                found = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(calls)
+                for index, result in found:
                     del remaining[index]
                     yield index, result
             except deaths:
@@ -65,62 +66,26 @@ def sweep(
     )
 
 
-def _require_listener(backend: Backend, address: str) -> None:
-    """Refuse an address at which nothing answers: the backends would try for minutes."""
-    schemes = _SCHEMES[backend]
+def _require_listener(address: str) -> None:
+    """Refuse an address at which nothing answers: Dask would try for minutes."""
     found = re.fullmatch(r"(?:(\w+)://)?(\[[^]]+\]|[^/:\s]+):(\d{1,5})", address)
-    if not found or (found[1] or schemes[0]) not in schemes:
+    if not found or (found[1] or SCHEMES[0]) not in SCHEMES:
         raise UserError(
-            f"--address {address} is invalid; give HOST:PORT, as in {schemes[0]}://HOST:8786"
+            f"--address {address} is invalid; give HOST:PORT, as in {SCHEMES[0]}://HOST:8786"
         )
     try:
         place = found[2].strip("[]"), int(found[3])
         socket.create_connection(place, CONNECT_TIMEOUT_S).close()
     except (OSError, OverflowError, UnicodeError) as error:
-        raise _unanswered(backend, address) from error
+        raise _unanswered(address) from error
 
 
-def _unanswered(backend: Backend, address: str | None) -> UserError:
-    return UserError(f"no {backend.title()} cluster answers at {address}; check the address")
-
-
-def _results(backend: Backend, jobs: int, calls: Iterator[Any]) -> Iterator[Any]:
-    if backend != "ray":
-        yield from joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(calls)
-        return
-    # Ray's backend cannot hand out results one by one: a wave of one task per worker at a time,
-    # so that a death costs one wave
-    with joblib.Parallel(n_jobs=jobs) as parallel:
-        while wave := list(itertools.islice(calls, joblib.effective_n_jobs(jobs))):
-            yield from parallel(wave)
+def _unanswered(address: str | None) -> UserError:
+    return UserError(f"no Dask cluster answers at {address}; check the address")
 
 
 def _numbered(function: Callable[[Any], Any], index: int, task: Any) -> tuple[int, Any]:
     return index, function(task)
-
-
-@contextlib.contextmanager
-def _ray(where: Workers, work: Any) -> Iterator[Deaths]:
-    # workers have the project installed, as docs/studies.md asks: below `uv run` Ray would pack it
-    # and make another environment for every worker
-    os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
-    try:
-        import ray  # noqa: PLC0415 - optional
-        from ray.exceptions import RayActorError, WorkerCrashedError  # noqa: PLC0415
-        from ray.util.joblib import register_ray  # noqa: PLC0415
-    except ImportError as error:
-        raise UserError(f"ray is not installed; run `{installing('ray')}`") from error
-    # "local": never a cluster that happens to run on this machine
-    own = {"num_cpus": joblib.effective_n_jobs(where.jobs), "include_dashboard": False}
-    try:
-        ray.init(where.address or "local", log_to_driver=False, **({} if where.address else own))
-    except ConnectionError as error:
-        raise _unanswered("ray", where.address) from error
-    register_ray()
-    try:
-        yield (RayActorError, WorkerCrashedError)
-    finally:
-        ray.shutdown()
 
 
 @contextlib.contextmanager
@@ -140,7 +105,7 @@ def _dask(where: Workers, work: Any) -> Iterator[Deaths]:
             else Client(**own, dashboard_address=None)
         )
     except OSError as error:
-        raise _unanswered("dask", where.address) from error
+        raise _unanswered(where.address) from error
     except RuntimeError as error:
         raise UserError(
             f"Dask cannot start workers ({error}); in a script, make the call below "

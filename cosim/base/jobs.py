@@ -17,7 +17,7 @@ from cosim.base.command import BudgetMinutes, Checked, Jobs, workers
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent, under_way
 
-Backend = Literal["threads", "loky", "dask", "ray"]
+Backend = Literal["threads", "loky", "dask"]
 _GROUP = 32  # jobs, at most, that travel together
 _GROUPS = 4  # at least, for each worker, so that none waits long for the last one
 _CLUSTER = 64  # workers that a cluster at an address is taken to have
@@ -29,20 +29,18 @@ class Workers(Checked):
 
     jobs: Jobs = -1
     backend: Backend = "threads"
-    """Where it is computed: threads or processes (loky) of this machine, or a Dask or Ray cluster
-    (extras); see docs/studies.md."""
+    """Where it is computed: threads or processes (loky) of this machine, or a Dask cluster
+    (an extra); see docs/studies.md."""
     address: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
-    """Address of the cluster's head; without it Ray and Dask start on this machine."""
+    """Address of the cluster's head; without it Dask starts on this machine."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.jobs != -1:  # counting the cores is slow to import
             workers(self.jobs)
-        if self.address is not None and self.backend not in {"ray", "dask"}:
-            raise UserError(
-                f"--address has no effect with --backend {self.backend}; name ray or dask"
-            )
-        if self.address is not None and self.backend == "dask" and self.jobs != -1:
+        if self.address is not None and self.backend != "dask":
+            raise UserError(f"--address has no effect with --backend {self.backend}; name dask")
+        if self.address is not None and self.jobs != -1:
             raise UserError(
                 "--jobs has no effect on a Dask cluster with an --address; leave it out"
             )

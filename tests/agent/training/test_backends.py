@@ -1,9 +1,7 @@
 """Sweeps on every backend give the same bits, also when a worker is killed in the middle."""
 
-import contextlib
 import os
 import signal
-import time
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,49 +46,8 @@ def expected():
     return [learn(config)[0].q for config in EXPERIMENT.configs()]
 
 
-@pytest.fixture
-def patient_ray(monkeypatch):
-    """Ray gives its processes half a minute to start; on a busy machine they may take longer."""
-    monkeypatch.setenv("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")  # read at the import, as in `sweep`
-    monkeypatch.setenv("RAY_prestart_worker_first_driver", "0")
-    for name in ("gcs_server_port_wait_time_s", "gcs_server_request_timeout_seconds",
-                 "worker_register_timeout_seconds"):  # fmt: skip
-        monkeypatch.setenv(f"RAY_{name}", "300")
-    monkeypatch.setenv("RAY_agent_register_timeout_ms", "300000")
-    from ray._private import services
-
-    get_node = services.get_node
-
-    def get_node_in_time(*arguments):
-        for _ in range(3000):
-            with contextlib.suppress(RuntimeError):
-                return get_node(*arguments)
-            time.sleep(0.1)
-        return get_node(*arguments)
-
-    monkeypatch.setattr(services, "get_node", get_node_in_time)
-
-
-@pytest.mark.cluster
-def test_ray_gives_the_same_bits(patient_ray, expected):
-    results = dict(sweep(learn, EXPERIMENT.configs(), Workers(jobs=2, backend="ray")))
-    assert all(np.array_equal(results[k][0].q, q) for k, q in enumerate(expected))
-
-
-@pytest.fixture(
-    params=[
-        "loky",
-        pytest.param("dask", marks=pytest.mark.cluster),
-        pytest.param("ray", marks=pytest.mark.slow),  # which takes a minute to notice
-    ]
-)
-def backend(request):
-    if request.param == "ray":
-        request.getfixturevalue("patient_ray")
-    return request.param
-
-
 @pytest.mark.long
+@pytest.mark.parametrize("backend", ["loky", pytest.param("dask", marks=pytest.mark.cluster)])
 def test_killed_worker_is_replaced_and_no_bit_changes(backend, expected, tmp_path):
     marker = tmp_path / "marker"
     tasks = [Fragile(k, config, marker) for k, config in enumerate(EXPERIMENT.configs())]
@@ -125,16 +82,15 @@ def test_an_address_without_a_cluster_is_refused():
         Workers(jobs=2, backend="dask", address="tcp://127.0.0.1:9")
 
 
-WRONG = "head", "tcp://head", "http://head:1", "ray:1:2", "a:b"
+WRONG = "head", "tcp://head", "http://head:1", "tcp:1:2", "a:b"
 NOT_THERE = "127.0.0.1:9", "[::1]:9", "127.0.0.1:99999", f"{'a' * 99}:9"
 
 
 @pytest.mark.parametrize("address", [*WRONG, *NOT_THERE])
-@pytest.mark.parametrize("backend", ["dask", "ray"])
-def test_an_address_that_is_none_and_a_cluster_that_is_not_there_are_refused(backend, address):
-    invalid, absent = "--address .* is invalid; give HOST:PORT", f"no {backend.title()} cluster ans"
+def test_an_address_that_is_none_and_a_cluster_that_is_not_there_are_refused(address):
+    invalid, absent = "--address .* is invalid; give HOST:PORT", "no Dask cluster answers"
     with pytest.raises(UserError, match=invalid if address in WRONG else absent):
-        list(sweep(abs, [1, 2], Workers(backend=backend, address=address)))
+        list(sweep(abs, [1, 2], Workers(backend="dask", address=address)))
 
 
 SCRIPT = """
