@@ -37,7 +37,7 @@ def sweep(
     if jobs == 1 and backend in {"loky", "threads"}:
         yield from ((k, function(task)) for k, task in remaining.items() if may_begin())
         return
-    if address is not None and address != "auto":
+    if address is not None:
         _require_listener(address)
     cluster: contextlib.AbstractContextManager[Deaths] = (
         _dask(where, (function, tasks))
@@ -53,8 +53,8 @@ def sweep(
                 if may_begin()
             )
             try:
-                found = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(calls)
-                for index, result in found:
+                parallel: Any = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
+                for index, result in parallel(calls):
                     del remaining[index]
                     yield index, result
             except deaths:
