@@ -59,8 +59,8 @@ class ProcessConfig:
     step_limit: Count = 1000
     """Moves after which an episode is cut, counted as a failure (assumed; none in the paper); RL
     steps in training on moves.
-    A low limit keeps robots that circle from unlearning it: 60 costs 12 points of success in
-    scenario 4, 200 none (docs/reproduction.md)."""
+    A low limit keeps robots that circle from unlearning it (docs/paper.md, assumptions, has the
+    effect of limits of 60 and 200)."""
 
     def __post_init__(self) -> None:
         validate_fields(self, "process: ")

@@ -111,6 +111,7 @@ def _run_episodes(
                 if moving and not waits(plans, i):
                     continue
                 k = _drawn_table(learning, random)
+                # begin moves
                 if moving:
                     s_next = state_index(process, world, i)
                     best, value = largest(q[k, i, s_next])
@@ -122,6 +123,7 @@ def _run_episodes(
                 else:
                     # Eq. (7) in a terminal state
                     q[k, i, s, a] += eta * (earned[i] - q[k, i, s, a])
+                # end moves
         path_cells = moves + (SQRT_2 - 1.0) * diagonal
         log_episode(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)
     return decisions

@@ -184,7 +184,7 @@ def _run_episodes(
                             value = q[1 - updated, i, s_next, best]
                         # Eq. (4): a reward, and what is expected from the next state on
                         target += gamma * value
-                    # Eq. (7), down the gradient of the squared error of Eq. (5)
+                    # Eq. (7), down the gradient of Eq. (5) with a constant target
                     q[updated, i, s, a] += eta * (target - q[updated, i, s, a])
                     state[i] = s_next
                     if learning.double_q:
