@@ -10,12 +10,12 @@ import msgspec
 
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.claims import Claim, JudgedClaim
-from agent.evaluation.rows import Failure, Row, measures
+from agent.evaluation.rows import Failure, Row, measures, text_of
 from agent.study.options import Sampling
 from agent.study.policies import policy_of
 from agent.study.store import EpisodeStore
 from cosim.base.arguments import ConfigError, to_plain
-from cosim.base.errors import UserError
+from cosim.base.errors import UserError, shorten
 from cosim.base.jobs import JobKind, Workers, always, run
 from cosim.base.progress import Progress, silent
 from cosim.model.outcome import Outcome
@@ -116,6 +116,10 @@ def lines_of(
     axes = {name: value for name, value in given.items() if isinstance(value, list)}
     if not (policies and scenarios and all(axes.values())):
         raise ConfigError("policies, scenarios and every axis need at least one value each")
+    boards = [board for board in scenarios if board is not None]
+    _require_distinct("scenario", [find_in_world(board)[0].name for board in boards])
+    for name, several in axes.items():
+        _require_distinct(name, several)
     lines: list[Line] = []
     found: dict[tuple[str, Scenario | None, str], Any] = {}
     for board, (name, of), values in product(scenarios, policies.items(), product(*axes.values())):
@@ -144,6 +148,19 @@ def lines_of(
             indices = case.sample(count if count and exactly else min(count or starts, starts))
         lines.append(Line(case, indices, name, chosen, claim))
     return lines
+
+
+def _require_distinct(name: str, values: Sequence[Any]) -> None:
+    """Refuse values of an axis with rows that look the same."""
+    known: dict[str, Any] = {}
+    for value in values:
+        text = text_of(value)
+        if text in known:
+            raise ConfigError(
+                f"{name} = {shorten(list(values))} has {known[text]!r} and {value!r}, which tables "
+                f"show alike, as {text}; leave one out"
+            )
+        known[text] = value
 
 
 def measure(

@@ -115,13 +115,14 @@ def _measured(
 def _by_name(policies: Any) -> dict[str, Any]:
     """Return policies by name; refuse two of one name."""
     if isinstance(policies, Mapping):
-        return {str(name): policy for name, policy in policies.items()}
-    several = policies if isinstance(policies, list | tuple) else [policies]
-    by_name = {name_of(policy): policy for policy in several}
+        names, several = [str(name) for name in policies], list(policies.values())
+    else:
+        several = policies if isinstance(policies, list | tuple) else [policies]
+        names = [name_of(policy) for policy in several]
+    by_name = dict(zip(names, several, strict=True))
     if len(by_name) < len(several):
         raise ConfigError(
-            f"policies = {', '.join(map(name_of, several))} have equal names; give a dict with a "
-            "name for each"
+            f"policies = {', '.join(names)} have equal names; give a dict with a name for each"
         )
     return by_name
 

@@ -25,7 +25,7 @@ from cosim.model.params import MotorShares
 from cosim.physics.trig import normals
 from fmus.build import identity_of_fmu
 
-VERSION = 2  # of primitives: raise it when their bits change
+VERSION = 3  # of primitives: raise it when their bits change
 
 # Directions (ahead, left, counter-clockwise) of the primitives.
 DIRECTIONS = {
@@ -74,7 +74,7 @@ class _Search:
 
     def __init__(self, config: CoSimConfig, fmu: MotorFmu) -> None:
         self.config, self._fmu = config, fmu
-        self.top = FASTEST * config.top_speed_rad_s
+        self.top = FASTEST * np.array(config.top_speeds_rad_s)  # of each motor
         self.reach_m = 0.5 * config.robot.diameter_m
         self._drives = 0
 
@@ -134,7 +134,7 @@ class _Search:
             cure = -np.linalg.pinv(constraint, rcond=1e-3) @ offset
             ahead = towards @ fitted[:3]
             ahead = ahead - np.linalg.pinv(constraint, rcond=1e-3) @ (constraint @ ahead)
-            ahead *= spread * self.top / max(float(np.abs(ahead).max()), 1e-30)
+            ahead *= spread * self.top.max() / max(float(np.abs(ahead).max()), 1e-30)
             candidates = [best + cure, best + cure + ahead, best + 0.5 * cure, *tried]
             # Linear algebra rounds otherwise on other processors: fewer digits hide that.
             candidates = np.clip(np.round(candidates, 1), -self.top, self.top)
@@ -244,12 +244,6 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
     can = {name for name, primitive in found.items() if able(primitive, name, reach_m)}
     if not {"left turn", "right turn", "forwards"} <= can:
         raise UserError(cannot(found, can))
-    for name in ("drive_speed_m_s", "turn_rate_rad_s"):
-        if name in dict(config.sources):
-            raise UserError(
-                f"{name} has no effect on a machine with motors or feet of its own, which drives "
-                "at the speeds that its primitives have; leave it out"
-            )
     if not {"leftwards", "rightwards"} <= can:
         can -= {"leftwards", "rightwards"}
     speeds = {n: float(np.abs(found[n].set_points_rad_s).max()) for n in DIRECTIONS}

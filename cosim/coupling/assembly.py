@@ -40,9 +40,9 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
     if "heading" in config.open_loop:
         steering = steering._replace(max_difference_rad_s=0.0, turn_again_rad=math.inf)
     robot = config.robot
-    mounts = motor_mounts(robot, motors_of(robot, config.motor))
+    each = motors_of(robot, config.motor)
+    mounts = motor_mounts(robot, each)
     motors = paired([mount.place_m[:2] for mount in mounts_of(robot)])
-    volts_per_speed, friction_volts = open_loop_voltage(config.motor)
     return Plant(
         robots=robots,
         body=body_params(config.robot, config.motor, config.timing.dt_s),
@@ -62,8 +62,7 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
         ticks_per_step=config.ticks_per_step,
         reaction=config.reaction,
         open_loop=config.voltage_driven,
-        volts_per_speed=volts_per_speed,
-        friction_volts=friction_volts,
+        voltages=tuple(map(open_loop_voltage, each)),
     )
 
 

@@ -108,7 +108,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
             _steer(plant, state, column, period_s)
             for motor in range(motors):
                 omega = state.set_points[motor, column]
-                state.inputs[motor, column] = _motor_input(plant, omega)
+                state.inputs[motor, column] = _motor_input(plant, motor, omega)
                 state.inputs[motors + motor, column] = noise[column, motor] * abs(omega)
             state.busy[column - column % lanes] = 1
             walls = find_near_obstacles(
@@ -133,11 +133,12 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
 
 
 @inlined
-def _motor_input(plant: Plant, omega: float) -> float:
+def _motor_input(plant: Plant, motor: int, omega: float) -> float:
     """Return the input of a motor for a set point in rad/s: the set point itself, or a voltage."""
     if not plant.open_loop or omega == 0.0:
         return omega
-    return plant.volts_per_speed * omega + math.copysign(plant.friction_volts, omega)
+    per_speed, friction = plant.voltages[motor]
+    return per_speed * omega + math.copysign(friction, omega)
 
 
 @inlined

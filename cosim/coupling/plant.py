@@ -70,9 +70,8 @@ class Plant(NamedTuple):
     ticks_per_step: int  # ticks of dt per communication step with the FMUs
     reaction: bool  # whether the motors feel the acceleration of the body
     open_loop: bool  # whether the motors' input is a voltage instead of a set point
-    # volts_per_speed, friction_volts: that voltage, see `cosim.model.params.open_loop_voltage`
-    volts_per_speed: float
-    friction_volts: float
+    # Of each motor, that voltage: V per rad/s, and V, see `cosim.model.params.open_loop_voltage`
+    voltages: tuple[tuple[float, float], ...]
 
 
 @inlined

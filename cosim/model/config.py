@@ -111,6 +111,7 @@ class CoSimConfig:
             ("hold_s", "control_period_s"),
         ):
             whole_ratio(name, timing[name], base, timing[base])
+        self._check_pulses()
         limit = self.lift_off_rad_s
         for name, speed in self.steering._asdict().items():
             if name.endswith("_speed_rad_s") and speed >= limit and not self.steering.pulse_s:
@@ -119,6 +120,41 @@ class CoSimConfig:
                     f"stay below lift-off at {limit:.0f} rad/s"
                 )
 
+    def _check_pulses(self) -> None:
+        steering, period_s = self.steering, self.timing.control_period_s
+        if steering.pause_s and not steering.pulse_s:
+            raise ConfigError(
+                f"pause_s = {steering.pause_s:g} has no effect without pulses; give pulse_s, too, "
+                "or leave it out"
+            )
+        for name in ("pulse_s", "pause_s"):
+            if value := getattr(steering, name):
+                whole_ratio(name, value, "control_period_s", period_s)
+
+    def _check_masses(self) -> None:
+        robot = self.robot
+        if robot.inertia_kg_m2:
+            moments = sorted(robot.inertia_kg_m2)
+            given = f"inertia_kg_m2 = {list(robot.inertia_kg_m2)}"
+            if len(moments) != 3:
+                raise ConfigError(f"{given} has {len(moments)} moments; give Ixx, Iyy and Izz")
+            if moments[2] > (moments[0] + moments[1]) * (1.0 + _ROUNDING):
+                raise ConfigError(
+                    f"{given} is of no body: each moment is at most the sum of the two others; "
+                    "change one"
+                )
+        if robot.com_height_m > robot.height_m:
+            raise ConfigError(
+                f"com_height_m = {robot.com_height_m:g} is above the body of height_m = "
+                f"{robot.height_m:g}; make it lower, or the body higher"
+            )
+        eccentric_kg = sum(own.m for own in params.motors_of(robot, self.motor))
+        if robot.motors and eccentric_kg >= robot.mass_kg:
+            raise ConfigError(
+                f"mass_kg = {robot.mass_kg:g} is of the whole machine, but the eccentric masses of "
+                f"its motors have {eccentric_kg:g} together; weigh it with them"
+            )
+
     def _check_geometry(self) -> None:
         robot, steering = self.robot, self.steering
         if len(steering.shares) != robot.motors_count:
@@ -126,6 +162,8 @@ class CoSimConfig:
                 f"the steering is one of {len(steering.shares)} motors, but the machine has "
                 f"{robot.motors_count}"
             )
+        self._check_masses()
+        self._check_heights()
         if robot.feet or robot.motors:
             self._check_places()
         inside_m = math.inf if robot.feet else robot.foot_radius_m / 2.0  # of the triangle of feet
@@ -155,6 +193,17 @@ class CoSimConfig:
                 f"other at motor_radius_m = {robot.motor_radius_m:g} into a robot of diameter_m = "
                 f"{robot.diameter_m:g}; make the robot larger"
             )
+
+    def _check_heights(self) -> None:
+        """Refuse motors below the floor or above the body."""
+        robot = self.robot
+        name = "place_m[2]" if robot.motors else "motor_axis_height_m"
+        for mount in params.mounts_of(robot):
+            if not 0.0 <= mount.place_m[2] <= robot.height_m:
+                raise ConfigError(
+                    f"a motor has {name} = {mount.place_m[2]:g} above the floor, which is outside "
+                    f"a body of height_m = {robot.height_m:g}; give 0 to that"
+                )
 
     def _check_places(self) -> None:
         """Refuse motors and feet outside the body, and feet on which it falls over."""
@@ -253,11 +302,16 @@ class CoSimConfig:
         return params.lift_off_speed(self.robot._replace(mass_kg=mass_kg), self.motor)
 
     @property
+    def top_speeds_rad_s(self) -> tuple[float, ...]:
+        """Largest set point of each motor: what it can reach, and no lift-off but in pulses."""
+        limit = math.inf if self.steering.pulse_s else self.lift_off_rad_s
+        motors = params.motors_of(self.robot, self.motor)
+        return tuple(min(params.voltage_speed(own), limit) for own in motors)
+
+    @property
     def top_speed_rad_s(self) -> float:
-        """Largest set point: below lift-off; where motors are pulsed, what they could reach."""
-        per_speed, friction = params.open_loop_voltage(self.motor)
-        reached = max(0.0, self.motor.V_s_max - friction) / per_speed
-        return reached if self.steering.pulse_s else min(reached, self.lift_off_rad_s)
+        """Largest set point of any motor."""
+        return max(self.top_speeds_rad_s)
 
     @property
     def voltage_driven(self) -> bool:

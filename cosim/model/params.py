@@ -56,7 +56,7 @@ class Mount(NamedTuple):
 
     place_m: Place
     axis: Place  # along the shaft, unit vector: it turns counter-clockwise seen from its tip
-    own: tuple[tuple[str, float], ...] = ()  # its parameters that differ from `MotorParams`
+    own: tuple[tuple[str, float], ...] = ()  # parameters that are stated of this motor
 
 
 class Foot(NamedTuple):
@@ -68,7 +68,12 @@ class Foot(NamedTuple):
 
 
 class RobotParams(NamedTuple):
-    """Rigid body, feet, motor mounts and floor friction of one robot (Table I and assumed)."""
+    """Rigid body, feet, motor mounts and floor friction of one robot (Table I and assumed).
+
+    With `motors`, mass, centre of mass and inertia are those of the whole machine, eccentric masses
+    included as if on their shafts. Without, equations are the paper's: the weight of the eccentric
+    masses in Eq. (3) comes on top of that of `mass_kg` in Eq. (2).
+    """
 
     mass_kg: Annotated[Positive, Quantity("kg", "Table I", "mini-robot mass")] = 0.1
     diameter_m: Annotated[Positive, Quantity("m", "Table I", "mini-robot diameter")] = 0.05
@@ -108,7 +113,7 @@ class RobotParams(NamedTuple):
         Amount, Quantity("1", "assumed, on any floor", "Coulomb friction between robots that touch")
     ] = 0.15
     inertia_kg_m2: Annotated[
-        tuple[float, ...],
+        tuple[Positive, ...],
         Quantity("kg.m2", "computed: uniform cylinder", "moments about the centre of mass, if any"),
     ] = ()
     motors: Annotated[
@@ -415,20 +420,26 @@ def open_loop_voltage(motor: MotorParams) -> tuple[float, float]:
     return 1.0 / motor_gain(motor), motor.c * motor.R / motor.K_T
 
 
+def voltage_speed(motor: MotorParams) -> float:
+    """Return the speed in rad/s that the largest voltage keeps in the mean."""
+    per_speed, friction = open_loop_voltage(motor)
+    return max(0.0, motor.V_s_max - friction) / per_speed
+
+
 def motor_time_constant(motor: MotorParams) -> float:
     """Time constant τ = JR/(bR + K_T²) of Eq. (13) without Coulomb friction, in s."""
     return motor.J * motor.R / (motor.b * motor.R + motor.K_T**2)
 
 
 def lift_off_speed(robot: RobotParams, motor: MotorParams) -> float:
-    """Motor speed in rad/s at which all motors in phase lift the robot: Σ m r ω² = (M + Σ m) g.
+    """Motor speed in rad/s at which all motors in phase lift the robot: Σ m r ω² is its weight.
 
-    Vertical shafts lift nothing: then the speed that the largest voltage gives.
+    Vertical shafts lift nothing: then the largest speed that a motor has at its largest voltage.
     """
     motors = list(zip(mounts_of(robot), motors_of(robot, motor), strict=True))
-    weight = (robot.mass_kg + sum(own.m for _, own in motors)) * motor.g
+    on_top = 0.0 if robot.motors else sum(own.m for _, own in motors)  # see `RobotParams`
+    weight = (robot.mass_kg + on_top) * motor.g
     lifting = sum(own.m * own.r * level_share(mount.axis) for mount, own in motors)
     if lifting > 0.0:
         return math.sqrt(weight / lifting)
-    per_speed, friction = open_loop_voltage(motor)
-    return max(0.0, motor.V_s_max - friction) / per_speed
+    return max(voltage_speed(own) for _, own in motors)

@@ -9,7 +9,7 @@ with a text for each of them; at the top of the file it says so of the machine.
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -48,6 +48,20 @@ FIELDS = {
     "world.sensor": Sensor.__struct_fields__,
 }
 _SIZE = ("diameter_m", "foot_radius_m", "motor_radius_m", "motors", "feet")
+OF_LOOP = "K_p", "K_i", "relative_amplitude"  # what has an effect in the speed loop alone
+SHOWN = {  # names of parameters that files and options have others for
+    "relative_amplitude": "motor_speed_noise (--noise)",
+    "drive_speed_m_s": "drive_speed_m_s (--speed)",
+}
+# What has no effect where something else is stated: where, and the fields.
+_NO_EFFECT = {
+    "motors": (
+        "next to tables [[motor]]",
+        ("motor_radius_m", "motor_axis_height_m", "drive_speed_m_s", "turn_rate_rad_s"),
+    ),
+    "feet": ("next to tables [[foot]]", ("foot_radius_m", "drive_speed_m_s", "turn_rate_rad_s")),
+    "pulse_s": ("where motors are pulsed, which have no speed loop", OF_LOOP),
+}
 PLANE_M = 1e-6  # heights of feet that differ by less are one: see docs/physics.md
 _USUAL = TABLE_II._asdict()
 _FOLDER = Path(__file__).parent
@@ -73,6 +87,7 @@ class Preset(NamedTuple):
         machine with other motors has none before its calibration.
         """
         tree = {name: leaf for each in (self.tree, *trees) for name, leaf in each.items()}
+        self._require_effect(tree, {name for each in trees for name in each})
         robot, motor = (
             validate_argument(
                 name, [tree.get(n, (v,))[0] for n, v in usual._asdict().items()], type(usual)
@@ -84,6 +99,25 @@ class Preset(NamedTuple):
         if robot.own_layout:
             steering = not_calibrated(robot.motors_count)
         return CoSimConfig(preset=self.name).merged(steering, tree)
+
+    def _require_effect(self, tree: Mapping[str, tuple[Any, str]], later: Set[str]) -> None:
+        """Refuse values that others make void; `later` are names that no machine stated."""
+        mounts, _ = tree.get("motors", ((), ""))
+        own = [{name for name, _ in mount.own} for mount in mounts]
+        stated = {*tree}.union(*own)
+        for name, (where, fields) in _NO_EFFECT.items():
+            if not tree.get(name, (None,))[0]:
+                continue
+            for field in fields:
+                if field in stated:
+                    raise UserError(
+                        f"{SHOWN.get(field, field)} has no effect {where}; leave it out"
+                    )
+        for name in sorted(later & set.intersection(*own)) if own else ():
+            raise UserError(
+                f"{name} has no effect: every motor of preset {self.name} states its own; leave it "
+                "out, or take it out of the tables [[motor]]"
+            )
 
     def board(self, scenario: Scenario) -> Scenario:
         """Return a scenario with robots of the diameter that it states, by default the machine's.
@@ -124,7 +158,7 @@ class Preset(NamedTuple):
             mu = {} if foot.mu is None else {"mu": foot.mu}
             lines += _table("[[foot]]", {"source": source, "place_m": (foot.x_m, foot.y_m)} | mu)
         with replacing(require_suffix(path, ".toml")) as temporary:
-            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", errors="replace")
 
 
 def built_in() -> list[str]:
@@ -202,12 +236,13 @@ def _preset(name: str, content: dict[str, Any]) -> Preset:
 
 
 def _motors(tables: list[_Component]) -> tuple[_Component, tuple[Any, str]]:
-    """Return the parameters of the first motor, and where all are and what differs from these."""
-    sources = [str(table.pop("source", "")) for table in tables]
-    found, common = [], {n: v for n, v in tables[0].items() if n in MotorParams._fields}
+    """Return parameters that all motors state alike, and where each is and what it states."""
+    source = _joined([str(table.pop("source", "")) for table in tables])
+    found, falls, states_g = list[Mount](), set[float](), any("g" in table for table in tables)
     for k, table in enumerate(tables):
         where = f"motor[{k}]."
         require_names(where, table, ("place_m", "axis", *MotorParams._fields))
+        stated = [name for name in MotorParams._fields if name in table]
         own = [table.pop(name, usual) for name, usual in _USUAL.items()]
         values = validate_argument(f"motor[{k}]", own, MotorParams)._asdict()
         place = validate_argument(f"motor[{k}]", table, _Motor)
@@ -216,9 +251,18 @@ def _motors(tables: list[_Component]) -> tuple[_Component, tuple[Any, str]]:
             raise UserError(f"{where}axis = {list(place.axis)} has no length; give a direction")
         length = 1.0 if abs(length - 1.0) < 1e-12 else length  # a file of ours keeps its bits
         x, y, z = (value / length for value in place.axis)
-        differs = {n: v for n, v in values.items() if v != {**_USUAL, **common}[n]}
-        found.append(Mount(place.place_m, (x, y, z), tuple(differs.items())))
-    return common | {"source": sources[0] or "preset"}, (tuple(found), _joined(sources))
+        falls.add(values["g"])
+        own = tuple((name, values[name]) for name in stated if name != "g")
+        found.append(Mount(place.place_m, (x, y, z), own))
+    if len(falls) > 1:
+        raise UserError(
+            f"motors have g = {' and '.join(f'{g:g}' for g in sorted(falls))}; gravity is one: "
+            "state the same in every table [[motor]], or none"
+        )
+    common = {n: v for n, v in found[0].own if all(dict(m.own).get(n) == v for m in found)}
+    if states_g:
+        common["g"] = falls.pop()
+    return common | {"source": source}, (tuple(found), source)
 
 
 def _feet(tables: list[_Component]) -> tuple[Any, str]:
@@ -244,9 +288,9 @@ def _table(heading: str, values: Mapping[str, Any]) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    """A text, a number, or numbers as TOML has them; texts are as in JSON."""
+    """A text, a number, or numbers as TOML has them; texts are as in JSON, but for DEL."""
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(map(_value, value))}]"
     return repr(float(value))

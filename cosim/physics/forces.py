@@ -32,6 +32,7 @@ class MotorMount(NamedTuple):
     r: float  # eccentricity in m
     J: float  # rotor inertia in kg m²
     g: float  # gravitational acceleration in m/s²
+    weight: float  # of the eccentric mass in N; 0 where that of the body includes it
     y: float  # mount position on the body's y axis in m
     z: float  # height of the motor axis over the centre of mass in m
     sin_phi: float  # sine of φ, the angle from the body's x axis to the motor axis (Fig. 4b)
@@ -49,7 +50,8 @@ def motor_mounts(robot: RobotParams, motors: Sequence[MotorParams]) -> tuple[Mot
         x, y, height = mount.place_m
         z, sine = height - robot.com_height_m, mount.axis[1]
         shaft = () if along_y else (Shaft(*directions(mount.axis), mount.axis, x),)
-        found.append(MotorMount(own.m, own.r, own.J, own.g, y, z, sine, shaft))
+        weight = 0.0 if robot.motors else own.m * own.g  # see `RobotParams`
+        found.append(MotorMount(own.m, own.r, own.J, own.g, weight, y, z, sine, shaft))
     return tuple(found)
 
 
@@ -86,7 +88,7 @@ def motor_force(
     mr = mount.m * mount.r
     # Eq. (3)
     f_x = (mr * omega_dot * c - mr * omega * omega * s) * mount.sin_phi
-    f_z = -mount.m * mount.g - mr * omega_dot * s - mr * omega * omega * c
+    f_z = -mount.weight - mr * omega_dot * s - mr * omega * omega * c
     n_y = -(mount.J * omega_dot + mr * mount.g * s) * mount.sin_phi
     return f_x, f_z, n_y
 
@@ -111,7 +113,7 @@ def motor_wrench(
     # Eq. (3) in the directions of the mass, and its weight
     down = mr * omega_dot * s + mr * omega * omega * c
     ahead = mr * omega * omega * s - mr * omega_dot * c
-    force = plus((0.0, 0.0, -mount.m * mount.g), down, own.hanging)
+    force = plus((0.0, 0.0, -mount.weight), down, own.hanging)
     force = plus(force, ahead, own.ahead)
     reaction = mount.J * omega_dot - mr * mount.g * own.hanging[2] * s
     moment = cross((own.x, mount.y, mount.z), force)

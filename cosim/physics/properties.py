@@ -214,7 +214,8 @@ def _read_mounts(
         return ()
     row, mount = first + 2 * order[0], common[0]
     r, inertia = load(properties, row, column, width), load(properties, row + 1, column, width)
-    own = MotorMount(mount.m, r, inertia, mount.g, mount.y, mount.z, mount.sin_phi, mount.shaft)
+    m, _, _, g, weight, y, z, sin_phi, shaft = mount
+    own = MotorMount(m, r, inertia, g, weight, y, z, sin_phi, shaft)
     return (own, *_read_mounts(properties, first, order[1:], column, width, common[1:]))
 
 

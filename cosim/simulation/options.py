@@ -13,7 +13,7 @@ from cosim.base.command import Count, MotorFmuFile, MotorParameters, Seed
 from cosim.base.progress import Progress, silent, under_way
 from cosim.model.config import GIVEN, OF_MOTOR, CoSimConfig, Loop, OnCollision, whole_ratio
 from cosim.model.params import SHIELD, STEERING, Amount, MotorParams, Positive
-from cosim.model.preset import PAPER, Preset, find_preset
+from cosim.model.preset import OF_LOOP, PAPER, SHOWN, Preset, find_preset
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
 from cosim.model.world import IDEAL, Tree, World, tree_of
@@ -178,11 +178,14 @@ class SimulationOptions(Physics, DecisionOptions):
 
     def config(self, world: World = IDEAL, source: str = "world") -> CoSimConfig:
         """See `Physics.config`."""
-        if self.noise is not None and "motors" in self.open_loop:
-            raise ConfigError(
-                "--noise has no effect with --open-loop motors, which measure no speed; "
-                "leave it out"
-            )
+        if "motors" in self.open_loop:
+            given = self.tree() | world.tree()
+            for name in OF_LOOP:
+                if name in given:
+                    raise ConfigError(
+                        f"{SHOWN.get(name, name)} has no effect with --open-loop motors, which "
+                        "have no speed loop; leave it out"
+                    )
         config = super().config(world, source)
         if self.time_limit is not None:  # else episodes would end at the end of an RL step
             whole_ratio("time_limit", self.time_limit, "rl_step_s", config.timing.rl_step_s)

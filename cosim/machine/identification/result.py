@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from cosim.base.plotting import BLUE, GREEN, VERMILION, styled
 from cosim.base.progress import Progress, silent
+from cosim.base.reading import naming
 from cosim.base.storage import replacing, write_json, write_whole
 from cosim.base.table import Column, field, format_value, markdown
 from cosim.fmi.motor import with_motor
@@ -119,10 +120,13 @@ def identify(
         evaluations=found.evaluations,
     )
     write_json(out / "identification.json", report)
-    _preset(track, name, preset, drive, found).save(out / PRESET_FILE)
     with replacing(out / DRAWING_FILE) as temporary:
         _draw(track, found).savefig(temporary, format="svg", metadata={"Date": None})
     write_whole(out / "report.md", _text(report))
+    own = _preset(track, name, preset, drive, found)
+    with naming(out / PRESET_FILE):
+        own.config()  # refuses what no reader would take
+    own.save(out / PRESET_FILE)
     return report
 
 
@@ -153,6 +157,9 @@ def _preset(track: SeenTrack, name: str, preset: Preset, drive: Simulated, found
     tree |= {n: (getattr(robot, n), t) for n, t in intervals.items() if n in robot._fields}
     if robot.feet:
         tree["feet"] = (robot.feet, tree["feet"][1])
+        if all(foot.mu is not None for foot in robot.feet):
+            _, text = tree.pop("mu")
+            tree["feet"] = (robot.feet, f"{tree['feet'][1]}; mu in proportion to one {text}")
     if robot.motors:
         own = [
             mount._replace(own=tuple({**dict(mount.own), "r": motor.r}.items()))

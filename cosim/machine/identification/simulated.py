@@ -26,6 +26,7 @@ from cosim.model.params import (
     motors_of,
     mounts_of,
 )
+from cosim.model.world import IDEAL, World
 from cosim.physics.body import stepped
 from cosim.physics.body_state import (
     X,
@@ -169,8 +170,9 @@ class Simulated:
     @cached_property
     def limits(self) -> np.ndarray:
         """Least and largest values, (2, K) in SI units; a machine's own value is within them."""
-        widest = 0.499 * self.config.robot.diameter_m
-        high = [widest if p.name == "foot_radius_m" else p.high for p in self.parameters]
+        robot = self.config.robot
+        most = {"foot_radius_m": 0.499 * robot.diameter_m, "com_height_m": robot.height_m}
+        high = [min(p.high, most.get(p.name, p.high)) for p in self.parameters]
         low = [p.low for p in self.parameters]
         return np.array([np.minimum(low, self.usual), np.maximum(high, self.usual)], dtype=float)
 
@@ -212,7 +214,8 @@ class Simulated:
     def _tracks(self, machines: list[Machine], speeds: np.ndarray) -> np.ndarray:
         config = self.config
         every = round(LOOKS_S / config.timing.control_period_s)
-        return tracks(machines, speeds, config.ticks_per_period, config.timing.dt_s, every)
+        clock = config.ticks_per_period, config.timing.dt_s
+        return tracks(machines, speeds, *clock, every, config.world)
 
 
 def simulated_drive(track: SeenTrack, config: CoSimConfig, fmu: Path) -> Simulated:
@@ -235,7 +238,7 @@ def motor_speeds(
         set_points: (P, M) in rad/s, of every control period.
     """
     if config.steering.pulse_s:  # a robot is identified without pulses (docs/own.md)
-        steering = config.steering._replace(pulse_s=0.0)
+        steering = config.steering._replace(pulse_s=0.0, pause_s=0.0)
         config = replace(config, steering=steering, open_loop=("motors",))
     changes = np.flatnonzero(np.diff(set_points, axis=0).any(axis=1)) + 1
     cuts = np.union1d(changes, np.arange(MOST_PERIODS, len(set_points), MOST_PERIODS))
@@ -248,7 +251,12 @@ def motor_speeds(
 
 
 def tracks(
-    machines: Sequence[Machine], omega: np.ndarray, ticks: int, dt_s: float, every: int
+    machines: Sequence[Machine],
+    omega: np.ndarray,
+    ticks: int,
+    dt_s: float,
+    every: int,
+    world: World = IDEAL,
 ) -> np.ndarray:
     """Simulate what an overhead camera sees of robots that start at rest, heading along +x.
 
@@ -259,6 +267,7 @@ def tracks(
         omega: (P + 1, M) or (P + 1, M, B) speeds of motors at the ends of control periods in rad/s,
             linear in between; motors start hanging down.
         every: control periods from one look to the next.
+        world: what belongs to the machines: restitution and payload.
 
     Returns:
         (P // every + 1, B, 3) x and y of the robot's axis in m, and the heading in rad, continuous.
@@ -277,7 +286,7 @@ def tracks(
     )
     shapes = np.zeros((1 + 2 * feet, columns))
     for column, other in enumerate(padded):
-        params = body_params(other.robot, other.motors[0], dt_s)
+        params = body_params(other.robot, other.motors[0], dt_s, world=world)
         properties[:, column] = properties_of(params, motor_mounts(*other))
         shapes[:, column] = params.contact.z, *np.ravel(params.contact.feet)
         bodies[:, column] = standing_state(other.robot, *params.centre, 0.0)
@@ -357,8 +366,8 @@ def _from_centre(mounts: tuple[MotorMount, ...], z: float) -> tuple[MotorMount, 
     """Mounts with z from a centre of mass, below which the floor is at z."""
     if len(mounts) == 0:
         return ()
-    m, r, inertia, g, y, height, sin_phi, shaft = mounts[0]
-    mount = MotorMount(m, r, inertia, g, y, height + z, sin_phi, shaft)
+    m, r, inertia, g, weight, y, height, sin_phi, shaft = mounts[0]
+    mount = MotorMount(m, r, inertia, g, weight, y, height + z, sin_phi, shaft)
     return (mount, *_from_centre(mounts[1:], z))
 
 

@@ -89,8 +89,6 @@ def test_a_machine_that_cannot_steer_is_refused_with_its_best_motion(config):
     circling = found(left_turn=primitive(0.0, 0.0, 0.0), right_turn=primitive(4e-3, 0.0, -0.1))
     with pytest.raises(UserError, match=r"nothing for left turn, right turn; .*4\.00 mm/s"):
         steered(config, circling)
-    with pytest.raises(UserError, match=r"drive_speed_m_s has no effect"):
-        steered(config.having("given", drive_speed_m_s=1e-3), found())
     one_way = steered(config, found(backwards=primitive(0.0, 0.0, 0.0))).steering
     assert one_way.backward_speed_rad_s == 0.0
 

@@ -37,7 +37,7 @@ def test_motors_in_open_loop_keep_the_set_point_in_the_mean(motor_fmu):
 
 
 def test_what_has_no_effect_is_refused():
-    with pytest.raises(ConfigError, match=r"--noise .*--open-loop motors"):
+    with pytest.raises(ConfigError, match=r"\(--noise\) .*--open-loop motors"):
         SimulationOptions(open_loop=("motors",), noise=0.1).config()
     with pytest.raises(ConfigError, match=r"open_loop.* = 'wheels' .*; choose .*motors"):
         CoSimConfig(open_loop=("wheels",))  # pyright: ignore[reportArgumentType]
