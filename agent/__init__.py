@@ -108,7 +108,7 @@ def train(
             progress=progress or silent,
         )
         again = validate_argument("again", again, bool)
-        return find_or_make(config, again=again, progress=progress or silent)[0]
+        return find_or_make(config, chosen, again=again, progress=progress or silent)[0]
 
 
 def load(path: str | Path, scenario: str | Path | Scenario | None = None) -> "GreedyPolicy":

@@ -4,6 +4,7 @@ Every start has an index, every index its own noise: an episode is determined by
 index, not by other episodes or their order.
 """
 
+import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +17,7 @@ import numpy as np
 from agent.mdp.exact import joint_starts
 from agent.mdp.greedy import GreedyPolicy
 from cosim.base.errors import UserError
-from cosim.base.provenance import digest_of
+from cosim.base.provenance import digest_of, identity_of
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell
 from cosim.recording.series import with_bursts
@@ -68,6 +69,11 @@ class Case:
             indices += (number * available + rng.permutation(available)).tolist()
         return indices[:count]
 
+    @property
+    def known(self) -> bool:
+        """Whether the policy is known by what it decides, so that its episodes can be kept."""
+        return identity_of(self.policy) is not None
+
     @cached_property
     def identity(self) -> dict[str, Any]:
         """What decides the result of every episode, for people and for the digest."""
@@ -75,7 +81,7 @@ class Case:
         return {
             "scenario": scenario.name,
             "scenario_digest": scenario.digest(),
-            "policy_digest": self.policy.digest(),
+            "policy_digest": identity_of(self.policy) or uuid.uuid4().hex,
             "seed": self.seed,
             "motor_fmu_digest": identity_of_fmu(self.fmu),
             "parameters": {name: row["value"] for name, row in self.config.table().items()},

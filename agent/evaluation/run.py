@@ -12,7 +12,6 @@ from agent.training.policy import load_policy
 from agent.training.recording import write_training
 from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent, under_way
-from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
 from cosim.coupling.rl_step import Step, sampled_of
@@ -127,7 +126,8 @@ def _refuse_other_results(out: Path, summary: RunSummary, policy: GreedyPolicy) 
     was, now = (msgspec.to_builtins(of.parameters | structs.asdict(of)) for of in both)
     same = {"parameters", "versions", "episodes"}
     other = [f"{k} = {v}" for k, v in was.items() if k not in same and v != now.get(k)]
-    if digest_of(load_policy(out / "policy.npz").config) != digest_of(policy.config):
+    before = load_policy(out / "policy.npz")
+    if (before.config, before.digest()) != (policy.config, policy.digest()):
         other.append("another policy")
     if other:
         raise ConfigError(f"{path} is of a run with {', '.join(other[:3])}; {_SUMMARY.fix}")

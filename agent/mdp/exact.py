@@ -31,8 +31,10 @@ from agent.mdp.grid import (
 )
 from agent.mdp.interpretations import Process
 from agent.mdp.rng import seeded_state
+from cosim.base.errors import UserError
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT, Outcome
+from cosim.onboard.features import DIRECTION_COUNT
 from cosim.recording.series import PolicyMap
 
 MAX_STARTS = 10_000
@@ -155,10 +157,14 @@ def evaluate(process: Process, values: np.ndarray, starts: np.ndarray | None = N
     Args:
         process: its slip probability is ignored.
         values: (N, states, 8) float32, `Policy.values`.
-        starts: (K, N, 2) int64, out of contact; by default `joint_starts`.
+        starts: (K, N, 2) int64, on the board and out of contact; by default `joint_starts`.
     """
     if starts is None:
         starts = joint_starts(process)
+    shape = (len(process.terrain), process.state_count, DIRECTION_COUNT)
+    if values.shape != shape:
+        raise UserError(f"values of shape {values.shape} are not those of the process, {shape}")
+    _require_on_board(process, starts)
     found = new_evaluation(starts)
     _evaluate(process, values, *found)
     return found
@@ -173,6 +179,7 @@ def evaluate_by(
         starts: (K, N, 2) int64, out of contact.
         decide: returns (N,) int64 directions, of the robots' cells x·rows + y and axes (N,) int64.
     """
+    _require_on_board(process, starts)
     found, rows = new_evaluation(starts), process.terrain.shape[2] - 2
     world = np.zeros((starts.shape[1], COLUMN_COUNT), dtype=np.int64)
     rewards = np.empty(len(world), dtype=np.float32)
@@ -187,6 +194,16 @@ def evaluate_by(
                 found.outcome[k] = outcome
                 break
     return found
+
+
+def _require_on_board(process: Process, starts: np.ndarray) -> None:
+    """Refuse starts that are not (K, N, 2) cells of the board."""
+    robots, columns, rows = process.terrain.shape
+    shape, size = np.shape(starts), (columns - 2, rows - 2)
+    if len(shape) != 3 or shape[1:] != (robots, 2):
+        raise UserError(f"starts of shape {shape} are not (K, {robots}, 2): a cell for each robot")
+    if ((starts < 0) | (starts >= np.array(size))).any():
+        raise UserError(f"starts are off the board of {size[0]} x {size[1]} cells")
 
 
 def new_evaluation(starts: np.ndarray) -> Evaluation:

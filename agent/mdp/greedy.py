@@ -87,6 +87,13 @@ class GreedyPolicy(ABC):
     config: Any
     episodes: int
 
+    def __post_init__(self) -> None:
+        if not self.fits():
+            raise UserError(
+                f"arrays and configuration of the policy for scenario {self.config.scenario.name} "
+                "do not fit"
+            )
+
     @cached_property
     def process(self) -> Process:
         """The decision process that it was trained on."""

@@ -1,5 +1,6 @@
 """The engine of all studies: cases become jobs, jobs episodes that are kept, and these rows."""
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import islice, product
@@ -26,6 +27,7 @@ from cosim.simulation.options import options_of, resolve
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import compile_kernels
 
+_LOGGER = logging.getLogger(__name__)
 EPISODES: JobKind[Job, EpisodeResult] = JobKind(
     run_jobs,
     batch=lambda job: job.task().batch_key,
@@ -179,6 +181,13 @@ def measure(
     Args:
         recordings: how many failures, and successes, of each row are recorded, on this machine.
     """
+    odd = dict.fromkeys(line.policy for line in lines if not line.case.known)
+    if odd and store.path is not None:
+        _LOGGER.warning(
+            "%s: the class has no method digest; episodes are kept in memory only and will not be "
+            "found again (docs/studies.md)",
+            ", ".join(odd),
+        )
     how: dict[str, Any] = {"where": where, "progress": progress}
     together = [Job(line.case, k) for line in lines if line.claim is None for k in line.indices]
     for _ in run(together, store, EPISODES, may_begin=may_begin, **how):

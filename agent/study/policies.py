@@ -1,6 +1,5 @@
 """Policies as studies take them: files, methods by name, and any object with `act` or `drive`."""
 
-import uuid
 from functools import cached_property, partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,9 +12,9 @@ from agent.training.methods import METHODS, Method, imported, method_config
 from agent.training.policy import load_policy
 from agent.training.store import find_or_make
 from cosim.base.arguments import ConfigError
-from cosim.base.errors import UserError, shorten
+from cosim.base.errors import failure, shorten
 from cosim.base.progress import Progress, silent
-from cosim.base.provenance import identity_of
+from cosim.base.provenance import digest_of, identity_of
 from cosim.coupling.rl_step import SupportsAct
 from cosim.model.preset import PAPER
 from cosim.model.scenario import Scenario
@@ -35,27 +34,22 @@ class ObjectPolicy:
 
     def __init__(self, policy: SupportsAct | SupportsDrive, scenario: Scenario) -> None:
         self.policy, self.config = policy, SimpleNamespace(scenario=scenario)
-        self._digest = identity_of(policy)
-        self.recognizable = self._digest is not None
-        self._digest = self._digest or uuid.uuid4().hex
 
     @cached_property
     def process(self) -> Process:
         """The process in the scenario, for the starts; one feature will do, as it has no tables."""
         return build_process(self.config.scenario, ProcessConfig(features=("x",)))
 
-    def _ask(self, method: str, observation: Any) -> Any:
+    def _ask(self, method: str, *given: Any) -> Any:
         try:
-            return getattr(self.policy, method)(observation)
+            return getattr(self.policy, method)(*given)
         except (Exception, SystemExit) as error:  # whatever a user's code does
-            name, reason = type(self.policy).__name__, f"{type(error).__name__}: {error}"
-            raise UserError(
-                f"{method} of policy {name} failed ({' '.join(reason.split())}); correct it"
-            ) from error
+            raise failure(f"{method} of policy {type(self.policy).__name__}", error) from error
 
-    def digest(self) -> str:
-        """Return what the object is known by; of an object without identity a number drawn."""
-        return f"{self._digest}-{self.config.scenario.digest()}"
+    def digest(self) -> str | None:
+        """Return what the object is known by, see `identity_of`; None if by nothing."""
+        kind, known = type(self.policy), identity_of(self.policy)
+        return known and digest_of(kind.__module__, kind.__qualname__, known)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name == "policy":
@@ -95,7 +89,7 @@ def policy_of(
     found: Any = given if name is None else METHODS.get(name) or imported("policy", name, _OBJECT)
     if isinstance(found, Method):
         config = method_config(found, scenario, seed, preset=preset, progress=progress)
-        return find_or_make(config, progress=progress)[0]
+        return find_or_make(config, found, progress=progress)[0]
     drives(found)
     return ObjectPolicy(found, scenario)
 

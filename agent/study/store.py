@@ -70,9 +70,9 @@ class EpisodeStore:
         return self.results(job.case).get(job.index)
 
     def keep(self, job: Job, row: EpisodeResult) -> None:
-        """Keep the result of an episode, whole or not at all."""
+        """Keep the result of an episode, whole or not at all; on disk if its policy is known."""
         self.results(job.case)[job.index] = row
-        if self.path is None:
+        if self.path is None or not job.case.known:
             return
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.open("ab").close()  # whose errors say more than those of SQLite

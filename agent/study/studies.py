@@ -3,12 +3,11 @@
 The command lines are `minirobots evaluate`, `transfer` and `robustness`; see docs/methods.md.
 """
 
-import operator
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import msgspec
 from rich.console import Console
@@ -42,11 +41,14 @@ _DETAILED = "moves"  # method with rows of every friction coefficient, and with 
 # Episodes of a pair in rows of that method at the default friction, and of other rows.
 _MANY, _SOME, QUICK_EPISODES = 200, 50, 2
 _WORLDS = Path(__file__).with_name("robustness.toml")
-# Goals of the best method: what is measured, with the shield or without, the worst, and the limit.
+Verdict = Literal["does not hold", "not decided", "holds"]
+_VERDICTS = get_args(Verdict)  # the worst first
+# Goals of the best method: what is measured, with the shield or without, whether more (1) or less
+# (-1) is better, and the limit.
 _GOALS = {
-    "success without the shield": ("success", False, min, 0.99),
-    "collisions with the shield": ("collision", True, max, 0.0),
-    "path length over the grid's": ("path_ratio_to_grid", False, max, 1.25),
+    "success without the shield": ("success", False, 1, 0.99),
+    "collisions with the shield": ("collision", True, -1, 0.0),
+    "path length over the grid's": ("path_ratio_to_grid", False, -1, 1.25),
 }
 
 
@@ -92,7 +94,7 @@ def evaluate(
 
 
 class Goal(msgspec.Struct, frozen=True, kw_only=True):
-    """The worst value over the rows that a goal is about, where, and whether it holds there."""
+    """Whether the intervals of all rows that a goal is about keep its limit, and the worst row."""
 
     goal: str
     limit: float
@@ -101,7 +103,7 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
     high: float | None
     scenario: str
     mu: float
-    holds: bool
+    verdict: Verdict
 
     def finding(self) -> str:
         """Return it as text."""
@@ -109,9 +111,8 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
         digits, factor, unit = form
         limit = f"{factor * self.limit:.{digits}f}{unit}"
         worst = interval_text(Interval(self.worst, self.low, self.high), *form)
-        verdict = "holds" if self.holds else "does not hold"
         return (
-            f"- Goal, {self.goal} ({limit}): {verdict}; the worst row has {worst} "
+            f"- Goal, {self.goal} ({limit}): {self.verdict}; the worst row has {worst} "
             f"(scenario {self.scenario}, µ = {self.mu:g})."
         )
 
@@ -177,18 +178,33 @@ def _trained(
     return policy
 
 
+def _verdict(of: Interval, sign: int, limit: float) -> Verdict:
+    """Return whether a whole interval keeps a limit, or no part of it does, else "not decided"."""
+    if of.low is None or of.high is None:
+        return "not decided"
+    room = sign * (of.low - limit), sign * (of.high - limit)
+    if min(room) >= 0.0:
+        return "holds"
+    return "does not hold" if max(room) < 0.0 else "not decided"
+
+
 def goals(best: Iterable[Row]) -> Iterator[Goal]:
-    """Return whether each goal holds in the worst of the best method's rows that it is about."""
+    """Return whether each goal holds in all of the best method's rows that it is about."""
     rows = [row for row in best if row.episodes > 0]
-    for goal, (measured, shield, worst, limit) in _GOALS.items():
-        about = [r for r in rows if r.shield == shield and getattr(r, measured) is not None]
+    for goal, (measured, shield, sign, limit) in _GOALS.items():
+        about = [
+            (_verdict(row.interval(measured), sign, limit), row)
+            for row in rows
+            if row.shield == shield and getattr(row, measured) is not None
+        ]
         if not about:
             continue
-        row = worst(about, key=operator.attrgetter(measured))
+        verdict, row = min(
+            about, key=lambda of: (_VERDICTS.index(of[0]), sign * getattr(of[1], measured))
+        )
         value, low, high = row.interval(measured)
-        holds = value >= limit if worst is min else value <= limit
         ends: dict[str, Any] = {"low": low, "high": high, "scenario": row.scenario, "mu": row.mu}
-        yield Goal(goal=goal, limit=limit, worst=value, **ends, holds=holds)
+        yield Goal(goal=goal, limit=limit, worst=value, **ends, verdict=verdict)
 
 
 class RobustnessReport(Report, frozen=True, kw_only=True):

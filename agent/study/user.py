@@ -3,7 +3,6 @@
 `study` and `evaluate` are names of `minirobots`, too; docs/studies.md shows them.
 """
 
-import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,6 @@ from cosim.base.progress import Progress, automatic, showing, silent
 from cosim.base.reading import Kind, read_toml
 from cosim.model.scenario import Scenario
 
-_LOGGER = logging.getLogger(__name__)
 _FILE = Kind("study", "see docs/studies.md")
 _OF_COMMAND = ("jobs", "backend", "address", "budget_minutes", "progress")
 _STARTS = 20  # of `evaluate`, by default
@@ -90,14 +88,7 @@ def _measured(
     folder = how.out
     which: dict[str, Any] = {"exactly": exactly, "claim": claim_of(how.claim, how.confidence)}
     lines = lines_of(policies, scenarios, given, how.seed, count, progress, **which)
-    odd = [line.policy for line in lines if not getattr(line.case.policy, "recognizable", True)]
-    if folder is not None and odd:
-        _LOGGER.warning(
-            "%s: its source is in no file or it cannot be pickled; the study's episodes are kept "
-            "in memory only and will not be found again",
-            ", ".join(dict.fromkeys(odd)),
-        )
-    store = EpisodeStore(None if folder is None or odd else folder / "results")
+    store = EpisodeStore(None if folder is None else folder / "results")
     may_begin = until(how.budget_minutes)
     measured = measure(lines, store, how.where, may_begin=may_begin, progress=progress)
     rows = tuple(

@@ -41,7 +41,7 @@ EPISODES, SUCCESSES, PATH_CELLS, STEPS, RETURNS = 0, 1, 2, 3, 4  # RETURNS and a
 class TrainingState:
     """Everything a training run is made of between two episodes."""
 
-    q: np.ndarray  # (tables, N, states, 8) float32, Q tables; two tables for double Q-learning
+    q: np.ndarray  # (tables, N, states, 8) float32, Q tables, see `LearningConfig.tables`
     visits: np.ndarray  # (N, states) uint32, how often each robot decided in each state
     random: np.ndarray  # (1,) uint64, generator state
     # (points, RETURNS + N) float64, sums over the window of each point: episodes, successes, path
@@ -103,11 +103,14 @@ def map_points(config: LearningConfig) -> np.ndarray:
 
 
 def initial_state(
-    process: Process, config: LearningConfig, seed: int | np.random.SeedSequence
+    process: Process,
+    config: LearningConfig,
+    seed: int | np.random.SeedSequence,
+    tables: int | None = None,
 ) -> TrainingState:
-    """Tables of zeros and a seeded generator."""
+    """Tables of zeros, by default as many per robot as the algorithm has; a seeded generator."""
     robots = process.terrain.shape[0]
-    tables = 2 if config.algorithm == "double_q" else 1
+    tables = tables or config.tables
     points = -(-config.episodes // config.log_episodes)
     columns, rows = (size - 2 for size in process.terrain.shape[1:])
     mapped = robots * columns * rows <= MAX_MAPPED_CELLS

@@ -27,11 +27,12 @@ from agent.training.learning import (
     initial_state,
     map_points,
 )
-from agent.training.methods import find_method
+from agent.training.methods import Method, find_method
 from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import Policy, PolicyConfig
-from agent.training.qlearning import advance, advance_by
+from agent.training.qlearning import advance, advance_by, compiled_rule
 from agent.training.settings import LearningConfig
+from cosim.base.errors import UserError, failure
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import write_arrays
@@ -87,13 +88,22 @@ def move_model(config: PolicyConfig) -> MoveModel | None:
     return build_model(config.moves, contact_m / scenario.cell_m)
 
 
-def learn(config: PolicyConfig, progress: Progress = silent) -> tuple[Policy, TrainingLog]:
-    """Train from nothing to the last episode, without reading or writing any file."""
-    numbers = config.learning
+def learn(
+    config: PolicyConfig, progress: Progress = silent, method: Method | None = None
+) -> tuple[Policy, TrainingLog]:
+    """Train from nothing to the last episode, without reading or writing any file.
+
+    Args:
+        method: by default the one that has the name in the configuration.
+    """
+    numbers, method = config.learning, method or find_method(config.method)
     process, model = build_process(config.scenario, config.process), move_model(config)
     require_paths_alone(process)
-    learning, rule = build_learning(numbers), find_method(config.method).update
-    state = initial_state(process, numbers, config.seed.sequence())
+    learning, rule, tables = build_learning(numbers), None, None
+    if method.update is not None:
+        _require_of_rule(config)
+        rule, tables = compiled_rule(method.name, method.update), method.tables
+    state = initial_state(process, numbers, config.seed.sequence(), tables)
     evaluations = greedy_episodes(numbers)
     starts = some_starts(process, MAX_CURVE_STARTS)
     while state.episode < numbers.episodes:
@@ -104,7 +114,15 @@ def learn(config: PolicyConfig, progress: Progress = silent) -> tuple[Policy, Tr
         if model is not None:
             advance_moves(process, model, learning, state, until)
         elif rule is not None:
-            advance_by(rule, process, learning, state, until)
+            try:
+                advance_by(rule, process, learning, state, until)
+            except Exception as error:  # whatever a user's rule does
+                raise failure(f"the rule {method.name}", error) from error
+            if not np.isfinite(state.q).all():
+                raise UserError(
+                    f"method {method.name} has values that are not finite in its tables after "
+                    f"{until} episodes; correct the rule, or lower eta"
+                )
         else:
             advance(process, learning, state, until)
         if until in evaluations:
@@ -128,6 +146,21 @@ def learn(config: PolicyConfig, progress: Progress = silent) -> tuple[Policy, Tr
         progress("training", until, numbers.episodes, now)
     policy = Policy(config, state.q, state.visits, state.random, state.episode)
     return policy, training_log(numbers, state, config.scenario.cell_m)
+
+
+def _require_of_rule(config: PolicyConfig) -> None:
+    """Refuse moves and an algorithm, which a user's rule does not use."""
+    if config.moves is not None:
+        raise UserError(
+            f"moves have no effect on method {config.method}, whose rule learns on the grid; leave "
+            "them out, or choose the method moves"
+        )
+    if config.learning.algorithm != LearningConfig.algorithm:
+        raise UserError(
+            f"learning: algorithm = {config.learning.algorithm} has no effect on the rule of "
+            f"method {config.method}; leave it at {LearningConfig.algorithm}, and give the number "
+            "of tables to learner(tables=...)"
+        )
 
 
 def training_log(config: LearningConfig, state: TrainingState, cell_m: float) -> TrainingLog:

@@ -15,10 +15,12 @@ import importlib
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, get_args
 
 import numpy as np
+from msgspec import Meta
 
 from agent.mdp import optimum
 from agent.mdp.config import ProcessConfig
@@ -36,18 +38,27 @@ from agent.training.policy import (
     can_plan,
     table_policy,
 )
-from agent.training.settings import LearningConfig
-from cosim.base.arguments import ConfigError, unknown
+from agent.training.settings import LearningConfig, MethodName
+from cosim.base.arguments import (
+    ConfigError,
+    numbers,
+    require_names,
+    unknown,
+    validate_argument,
+)
 from cosim.base.command import MotorParameters
-from cosim.base.errors import UserError
+from cosim.base.errors import UserError, failure, shorten
 from cosim.base.progress import Progress, silent
 from cosim.calibration.measuring import calibrated
 from cosim.model.preset import PAPER, Preset
 from cosim.model.scenario import Scenario
+from cosim.onboard.features import DIRECTION_COUNT
 from cosim.simulation.options import DecisionOptions, Physics
 
 _LARGE_CELLS = 1000  # assumed: of a board on which one robot or two learn on moves by default
-
+_MAX_TABLES = 1000
+# Fields of a method that its user chooses, with a rule or a function.
+_FACTS = ("robots", "needs", "use", "settings", "most_robots")
 
 Settings = Callable[[Scenario], tuple[ProcessConfig, LearningConfig]]
 
@@ -66,8 +77,14 @@ class Method:
     through: Callable[[Scenario], bool] | None = None
     most_robots: int = 10**6
     update: Callable[..., None] | None = None  # see `learner`; None for Q-learning
+    tables: int = 1  # of each robot, for `update`
     compute: Callable[[PolicyConfig], GreedyPolicy] | None = None  # None if it is learnt
     version: int = 0  # of what computes it
+
+    @property
+    def own(self) -> bool:
+        """Whether it is a user's: what it makes is kept for no other process."""
+        return self.name not in get_args(MethodName) or METHODS.get(self.name) is not self
 
     @property
     def facts(self) -> dict[str, str]:
@@ -166,10 +183,12 @@ def learner(*, tables: int = 1, **facts: Any) -> Callable[[Callable[..., None]],
     or random; `coin` is a random uint64. Robots act by the sum of the tables.
 
     Args:
-        facts: further fields of `Method`, such as `settings`.
+        tables: of each robot, in `q`.
+        facts: further fields of `Method`: `settings`, `most_robots`, `robots`, `needs` and `use`.
     """
-    algorithm = "double_q" if tables == 2 else "q"
-    facts.setdefault("settings", lambda _: (ProcessConfig(), LearningConfig(algorithm=algorithm)))
+    require_names("learner: ", facts, ("tables", *_FACTS))
+    kind = Annotated[int, Meta(ge=1, le=_MAX_TABLES)]
+    facts["tables"] = validate_argument("learner: tables", tables, kind)
     return lambda update: _registered(update, update=update, **facts)
 
 
@@ -178,20 +197,54 @@ def computed(**facts: Any) -> Callable[[Callable[[Process], np.ndarray]], Method
 
     `facts` are further fields of `Method`, such as `settings` with features or `most_robots`.
     """
-
-    def register(function: Callable[[Process], np.ndarray]) -> Method:
-        def compute(config: PolicyConfig) -> GreedyPolicy:
-            values = function(build_process(config.scenario, config.process))
-            return table_policy(config, values, np.ones(values.shape[:2], dtype=bool))
-
-        return _registered(function, compute=compute, **facts)
-
-    return register
+    require_names("computed: ", facts, (*_FACTS, "version"))
+    return lambda function: _registered(function, compute=partial(_computed, function), **facts)
 
 
-def _registered(function: Callable, **fields: Any) -> Method:
+def _computed(function: Callable[[Process], np.ndarray], config: PolicyConfig) -> GreedyPolicy:
+    """Return the policy of a user's action values; they must be finite float32."""
+    process, name = build_process(config.scenario, config.process), config.method
+    given = _asked(f"method {name}", function, process)
+    shape = (config.scenario.robots, process.state_count, DIRECTION_COUNT)
+    values = numbers(given, shape)
+    if values is None or np.abs(values).max() > np.finfo(np.float32).max:
+        raise UserError(
+            f"method {name} returned {shorten(given)} of shape {np.shape(given)}; expected finite "
+            f"numbers of shape {shape}: robots, states of the process, directions"
+        )
+    return table_policy(config, values, np.ones(shape[:2], dtype=bool))
+
+
+def _asked(what: str, function: Callable, argument: Any) -> Any:
+    """Return what a user's function says; its failures become a UserError."""
+    try:
+        return function(argument)
+    except (Exception, SystemExit) as error:  # whatever a user's code does
+        raise failure(what, error) from error
+
+
+def _registered(
+    function: Callable, *, settings: Callable[[Scenario], Any] | None = None, **fields: Any
+) -> Method:
     how = (function.__doc__ or "of a user").strip().partition("\n")[0]
     name = f"{function.__module__}:{function.__name__}"
+
+    def checked(scenario: Scenario) -> tuple[ProcessConfig, LearningConfig]:
+        assert settings is not None
+        given = _asked(f"settings of method {name}", settings, scenario)
+        try:
+            process, learning = given
+        except (TypeError, ValueError):
+            process = learning = None
+        if not (isinstance(process, ProcessConfig) and isinstance(learning, LearningConfig)):
+            raise UserError(
+                f"settings of method {name} returned {shorten(given)}; expected a ProcessConfig "
+                "and a LearningConfig"
+            )
+        return process, learning
+
+    if settings is not None:
+        fields["settings"] = checked
     METHODS[name] = method = Method(name, how, **fields)
     return method
 

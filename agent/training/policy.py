@@ -10,7 +10,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, get_args
 
 import msgspec
 import numpy as np
@@ -27,7 +27,7 @@ from agent.moves.model import ObservedMoves
 from agent.moves.pair import UNREACHABLE, PairTimes, pair_values, solve_pair
 from agent.moves.times import Board, board_of, least_times, numbered
 from agent.training.learning import VERSION
-from agent.training.settings import LearningConfig
+from agent.training.settings import LearningConfig, MethodName
 from cosim.base.errors import FileError, UserError
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, parsing, read_arrays
@@ -107,14 +107,14 @@ class Policy(GreedyPolicy):
 
     kind = "table"
     config: PolicyConfig
-    q: np.ndarray  # (tables, N, states, 8) float32, Q tables; two for double Q-learning
+    q: np.ndarray  # (tables, N, states, 8) float32, Q tables, see `LearningConfig.tables`
     visits: np.ndarray  # (N, states) uint32, decisions made in each state; 1 each if computed
     random: np.ndarray  # (1,) uint64, generator state after training
     episodes: int = 0  # trained
 
     @cached_property
     def values(self) -> np.ndarray:
-        """(N, states, 8) float32, action values; the mean of the two tables of double Q."""
+        """(N, states, 8) float32, action values: the mean of the tables."""
         return self.q.mean(axis=0) if len(self.q) > 1 else self.q[0]
 
     def states(self, observation: Observation) -> np.ndarray:
@@ -140,7 +140,8 @@ class Policy(GreedyPolicy):
 
     def fits(self) -> bool:
         """See `GreedyPolicy.fits`."""
-        tables = 2 if self.config.learning.algorithm == "double_q" else 1
+        built_in = self.config.method in get_args(MethodName)
+        tables = self.config.learning.tables if built_in else max(1, len(self.q))
         shape = (tables, self.config.scenario.robots, self.process.state_count, DIRECTION_COUNT)
         return (
             (self.q.shape, self.q.dtype) == (shape, np.float32)
@@ -345,11 +346,8 @@ def load_policy(path: Path | str, scenario: Scenario | None = None) -> Any:
     with parsing(path, _CONFIG):
         make: Any = kind
         policy = make(config, **arrays, episodes=episodes)
-        fits = policy.fits()
     if digest != config.scenario.digest():
         raise FileError(f"{path}: scenario and configuration do not fit; train it again")
-    if not fits:
-        raise FileError(f"{path}: arrays and configuration do not fit; train it again")
     if scenario is not None:
         policy.require_scenario(scenario, f"{path}: the policy")
     return policy

@@ -5,11 +5,14 @@ generator included, so that cutting a run into chunks or resuming it cannot chan
 Configuration and state are `agent.training.learning`. Another loop learns by a rule of the user's.
 """
 
+import re
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numba
 import numpy as np
+from numba import types
 
 from agent.mdp.grid import (
     COLUMN_COUNT,
@@ -34,6 +37,7 @@ from agent.training.learning import (
     Learning,
     TrainingState,
 )
+from cosim.base.errors import UserError, failure
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
 from cosim.onboard.features import DIRECTION_COUNT
@@ -214,7 +218,14 @@ def _drawn(q: np.ndarray, i: int, s: np.uint64, threshold: np.uint64, random: np
     word = next_word(random)
     if (word >> PROBABILITY_SHIFT) < threshold:
         return int(word & ACTION_BITS)
-    return best_of_sum(q, i, s) if len(q) > 1 else largest(q[0, i, s])[0]
+    action, best = 0, np.float32(-np.inf)
+    for k in range(DIRECTION_COUNT):
+        value = q[0, i, s, k]
+        for table in range(1, len(q)):
+            value += q[table, i, s, k]
+        if value > best:
+            action, best = k, value
+    return action
 
 
 def _run_by_rule(
@@ -228,7 +239,7 @@ def _run_by_rule(
     first: int,
     last: int,
 ) -> int:
-    """Train over episodes [first, last) by a rule, compiled with it once in every process.
+    """Train over episodes [first, last) by a rule; returns the agent steps.
 
     Q-learning has a loop of its own, which knows the greedy action of the next state from its
     update. Here a robot draws its next action before the update, so that a rule can learn from it.
@@ -283,19 +294,49 @@ def _run_by_rule(
 
 
 @cache
-def _compiled(function: Callable) -> Callable:
-    return numba.njit(nogil=True, error_model="numpy")(function)
+def _compiled_loop() -> Callable[..., int]:
+    return numba.njit(nogil=True, error_model="numpy")(_run_by_rule)
+
+
+# Types of a rule's arguments.
+_RULE = (
+    *(types.Array(types.float32, 3, "A"), types.uint64, types.int64, types.float32, types.float32),
+    *(types.uint64, types.int64, types.float32, types.uint64),
+)
+
+
+def compiled_rule(name: str, rule: Callable[..., None]) -> Any:
+    """Return a user's rule for `advance_by`, compiled with checks of all indices; or UserError.
+
+    Compiled at every call, as numba keeps the values that a function's global names had then.
+    """
+    try:
+        compiled: Any = numba.njit(nogil=True, error_model="numpy", boundscheck=True)(rule)
+        compiled.compile(_RULE)
+    except Exception as error:  # whatever numba says of a user's code
+        raise failure(f"compiling the rule {name}", error, _first_of(str(error))) from error
+    if (returned := compiled.overloads[_RULE].signature.return_type) != types.none:
+        raise UserError(f"the rule {name} returns {returned}; have it update q, and return nothing")
+    return compiled
+
+
+def _first_of(message: str) -> str:
+    """Return the first statement of a message of numba, and the line that it is about."""
+    plain = re.sub(r"\x1b\[[\d;]*m|Failed in nopython mode pipeline \(.*\)\n", "", message)
+    statement = re.split(r"\n\s*(?:File |During: |There are )", plain)[0]
+    line = re.search(r'File "[^"]*", (line \d+)', plain)
+    return f"{statement}, {line[1]}" if line else statement
 
 
 def advance_by(
-    rule: Callable[..., None],
+    rule: Any,
     process: Process,
     learning: Learning,
     state: TrainingState,
     until: int,
 ) -> None:
-    """Train a state up to episode `until` by a rule (`agent.training.methods.learner`)."""
-    state.agent_steps += _compiled(_run_by_rule)(
-        _compiled(rule), process, learning, *state.arrays, state.episode, until
+    """Train a state up to episode `until` by a `compiled_rule`, in place."""
+    state.agent_steps += _compiled_loop()(
+        rule, process, learning, *state.arrays, state.episode, until
     )
     state.episode = until

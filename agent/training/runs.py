@@ -18,6 +18,7 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.interpretations import build_process
 from agent.moves.model import ObservedMoves
 from agent.training.loop import TrainingLog, learn
+from agent.training.methods import find_method
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.recording import write_training
 from agent.training.settings import LearningConfig
@@ -74,6 +75,7 @@ def make_runs(
     """
     out = out.absolute()
     build_process(experiment.scenario, experiment.process)  # refuse here, not in every worker
+    own = find_method(experiment.method).own
     configs, results = experiment.configs(), dict[int, tuple[Policy, TrainingLog]]()
     _require_same(out / EXPERIMENT_FILE, experiment)
     folders = [out / run_name(number) for number in range(len(configs))]
@@ -81,6 +83,11 @@ def make_runs(
         folder.mkdir(exist_ok=True)
         if (found := load_run(folder)) is None:
             continue
+        if own:
+            raise UserError(
+                f"{folder / POLICY_FILE}: is of method {experiment.method}, whose code may have "
+                "changed since, so that its runs cannot be continued; choose another --out"
+            )
         if found[0].config != config:
             raise UserError(
                 f"{folder / POLICY_FILE}: was trained by another version with other results; "

@@ -81,6 +81,11 @@ class LearningConfig:
             )
 
     @property
+    def tables(self) -> int:
+        """Tables per robot; a user's rule has its own number (`agent.training.methods.learner`)."""
+        return 2 if self.algorithm == "double_q" else 1
+
+    @property
     def block(self) -> int:
         """Episodes of constant epsilon, never across the end of exploration.
 

@@ -147,11 +147,17 @@ def _path(kind: Any, value: Any) -> Any:
     raise ValueError(f"Expected {kind.__name__}, got {type(value).__name__}")
 
 
-def numbers(values: Any, shape: tuple[int, ...], kinds: str = "fiu") -> np.ndarray | None:
-    """Return what a user gave as float64, or whole numbers (kinds "iu") as int64; else None."""
+def numbers(
+    values: Any, shape: tuple[int, ...], kinds: str = "fiu", *, finite: bool = True
+) -> np.ndarray | None:
+    """Return what a user gave as float64, or whole numbers (kinds "iu") as int64; else None.
+
+    Masked numbers are none, nor are those that are not finite, unless `finite` is False.
+    """
     try:
         array = np.asarray(values)
-    except ValueError:  # rows of several lengths
+    except Exception:  # rows of several lengths, or whatever an object of a user does
         return None
-    fits = array.shape == shape and array.dtype.kind in kinds and np.isfinite(array).all()
+    fits = array.shape == shape and array.dtype.kind in kinds and not np.ma.is_masked(values)
+    fits = fits and (not finite or bool(np.isfinite(array).all()))
     return array.astype(np.int64 if kinds == "iu" else np.float64, copy=False) if fits else None

@@ -70,6 +70,16 @@ def installing(extra: str) -> str:
     return f"uv sync --extra {extra}" if _CLONE else f"pip install 'minirobots[{extra}]'"
 
 
+def failure(what: str, error: BaseException, reason: str | None = None) -> UserError:
+    """Return the error for a failure of a user's code, to be raised from that.
+
+    Args:
+        reason: by default what the failure says.
+    """
+    reason = f"{type(error).__name__}: {reason or error}"
+    return UserError(f"{what} failed ({' '.join(reason.split())}); correct it")
+
+
 def shorten(value: object) -> str:
     """Return a value as messages have it: shortened, on one line."""
     return " ".join(reprlib.repr(value).split())

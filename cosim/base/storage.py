@@ -124,7 +124,7 @@ def load_or_create(
 
 def cached(
     path: Path,
-    load: Callable[[Path], Value],
+    load: Callable[[Path], Value | None],
     make: Callable[[], Value],
     save: Callable[[Value, Path], object],
     *,
@@ -132,7 +132,7 @@ def cached(
 ) -> Value:
     """Return the content of a file of the cache or `PACKAGED`; make it if missing or damaged.
 
-    The file's SHA-256 is kept next to it.
+    The file's SHA-256 is kept next to it. `load` returns None of a file that is another one's.
     """
     require_no_folder(path)
 
@@ -147,7 +147,8 @@ def cached(
     places = () if again else (path, PACKAGED / path.parent.name / path.name)
 
     def find() -> Value | None:
-        return next((load(place) for place in places if is_intact(place)), None)
+        found = (load(place) for place in places if is_intact(place))
+        return next((value for value in found if value is not None), None)
 
     return load_or_create(path, find, remake)
 

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from cosim.base.arguments import numbers
 from cosim.base.errors import UserError, shorten
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.outcome import Outcome
@@ -56,11 +57,14 @@ def decide(policy: SupportsAct, observation: Observation) -> Decision:
     parts: Any = decided if isinstance(decided, Decision) else Decision(decided)
     if parts.values is not None:
         values, shape = parts.values, (len(observation.cells), DIRECTION_COUNT)
-        if getattr(values, "shape", ()) != shape or values.dtype.kind not in "fiu":
+        if numbers(values, shape, finite=False) is None:  # NaN: a direction that fails
             raise UserError(
                 f"the policy returned values = {shorten(values)}; expected {shape[0]} x {shape[1]} "
                 "numbers, the value of every direction for each robot"
             )
+        parts = parts._replace(values=np.asarray(values))
+    if not isinstance(parts.unit, str):
+        raise UserError(f"the policy returned unit = {shorten(parts.unit)}; expected a text")
     copied: Any = [p.copy() if isinstance(p, np.ndarray | list) else p for p in parts]
     return Decision(*copied)
 

@@ -6,6 +6,7 @@ import logging
 import re
 import shutil
 import zipfile
+import zlib
 from pathlib import Path
 
 import fmpy
@@ -17,6 +18,7 @@ from cosim.base.reading import refuse_pointer
 from cosim.base.storage import cache_dir, load_or_create
 
 MAX_BYTES = 2**30  # of all files of an FMU together, unpacked: far more than FMUs hold
+_PART_BYTES = 2**20  # that are read at once
 _NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resources/")
 _LOG = logging.getLogger(__name__)
 # Violations of the standard in a modelDescription.xml that change no result: what they are about is
@@ -104,25 +106,48 @@ class Fmu:
 
 
 def _unpack(path: Path) -> Path:
-    """Return the folder of the cache with what an FMU needs to run, named by the FMU's content."""
+    """Return the folder of the cache with what an FMU needs to run, named by the FMU's content.
+
+    A folder with a file that is missing or differs from the FMU's is unpacked again.
+    """
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()[:16]
     folder = (cache_dir("unpacked") / digest).absolute()
+    with zipfile.ZipFile(path) as archive:
+        for entry in archive.infolist():  # some exporters write "./name" or backslashes
+            entry.filename = entry.filename.replace("\\", "/").removeprefix("./")
+        needed = {e.filename: e for e in archive.infolist() if e.filename.startswith(_NEEDED)}
+        if _NEEDED[0] not in needed:
+            raise zipfile.BadZipFile(f"it has no {_NEEDED[0]}")
+        if (size := sum(entry.file_size for entry in needed.values())) > MAX_BYTES:
+            limit = f"more than {MAX_BYTES >> 20} MiB"
+            raise zipfile.BadZipFile(f"it unpacks to {size >> 20} MiB, {limit}")
 
-    def extract() -> Path:
-        part = folder.with_suffix(".part")
-        shutil.rmtree(part, ignore_errors=True)  # what a killed process has left
-        with zipfile.ZipFile(path) as archive:
-            for entry in archive.infolist():  # some exporters write "./name" or backslashes
-                entry.filename = entry.filename.replace("\\", "/").removeprefix("./")
-            needed = [e for e in archive.infolist() if e.filename.startswith(_NEEDED)]
-            if not any(entry.filename == _NEEDED[0] for entry in needed):
-                raise zipfile.BadZipFile(f"it has no {_NEEDED[0]}")
-            if (size := sum(entry.file_size for entry in needed)) > MAX_BYTES:
-                limit = f"more than {MAX_BYTES >> 20} MiB"
-                raise zipfile.BadZipFile(f"it unpacks to {size >> 20} MiB, {limit}")
-            archive.extractall(part, needed)
-        part.rename(folder)
-        return folder
+        def find() -> Path | None:
+            return folder if all(_is_unpacked(e, folder) for e in needed.values()) else None
 
-    return load_or_create(folder, lambda: folder if folder.is_dir() else None, extract)
+        def extract() -> Path:
+            part = folder.with_suffix(".part")
+            shutil.rmtree(part, ignore_errors=True)  # what a killed process has left
+            archive.extractall(part, needed.values())
+            if folder.exists():
+                _LOG.warning("%s is damaged: unpacking it again", folder)
+                shutil.rmtree(folder)
+            part.rename(folder)
+            return folder
+
+        return load_or_create(folder, find, extract)
+
+
+def _is_unpacked(entry: zipfile.ZipInfo, folder: Path) -> bool:
+    """Return whether a folder has a file or folder of an archive, with its content."""
+    place, checksum = folder / entry.filename, 0
+    if entry.is_dir():
+        return place.is_dir()
+    try:
+        with place.open("rb") as file:
+            while part := file.read(_PART_BYTES):
+                checksum = zlib.crc32(part, checksum)
+    except OSError:
+        return False
+    return checksum == entry.CRC

@@ -58,7 +58,8 @@ class Train(Command):
     scenario: opt.ScenarioName = "4"
     method: opt.MethodName | None = None
     """How agents learn: a method that learns, or one of yours (CONTRIBUTING.md); by default as in
-    Section V (paper), on moves if there is a file of them."""
+    Section V (paper), or moves if there is a file of them. Runs of yours are not continued, as its
+    code may have changed."""
     out: opt.NewFolder = None
     runs: opt.Count = 1
     """Independent runs (the paper: 20)."""
@@ -82,13 +83,17 @@ class Train(Command):
         if config := given.get("--config"):
             process, learning = read_settings(Path(config))
             return cls(config=Path(config), process=process, learning=learning)
-        if method := given.get("--method"):
+        if method := given.get("--method") or ("moves" if "--moves" in given else None):
             from agent.training.methods import find_method
 
             scenario = find_scenario(given.get("--scenario", cls.scenario))
             process, learning = find_method(method).settings(scenario)
             return cls(process=process, learning=learning)
         return None
+
+    def interrupted(self) -> str:
+        own = self.method and ":" in self.method
+        return f"results so far are in {self.out}/" if own else super().interrupted()
 
     def subject(self) -> str:
         return f"train-{find_scenario(self.scenario).name}"
@@ -105,6 +110,11 @@ class Train(Command):
         if method.compute is not None:
             raise ConfigError(
                 f"--method {method.name}: it is computed, not trained; name a method that learns"
+            )
+        if moves and not method.through:
+            raise ConfigError(
+                f"--moves {self.moves}: no effect on method {method.name}, which does not learn on "
+                "moves; leave it out, or choose --method moves"
             )
         if method.through and moves is None:
             moves = method_config(method, board, progress=progress).moves

@@ -24,17 +24,17 @@ from cosim.model.outcome import Outcome
 from cosim.model.scenario_file import find_scenario
 
 
-def briefly(algorithm):
-    return lambda _: (ProcessConfig(), LearningConfig(episodes=30_000, algorithm=algorithm))
+def briefly(_):
+    return ProcessConfig(), LearningConfig(episodes=30_000)
 
 
-@learner(settings=briefly("q"))
+@learner(settings=briefly)
 def sarsa(q, s, a, reward, discount, s_next, a_next, eta, coin):
     """SARSA: learns the values of what it does, exploration included."""
     q[0, s, a] += eta * (reward + discount * q[0, s_next, a_next] - q[0, s, a])
 
 
-@learner(settings=briefly("double_q"))
+@learner(tables=2, settings=briefly)
 def double_q(q, s, a, reward, discount, s_next, a_next, eta, coin):
     """Double Q-learning (van Hasselt 2010)."""
     k = np.int64(coin & np.uint64(1))
@@ -149,7 +149,12 @@ def test_train_takes_a_file_of_moves(options, command, tmp_path):
     (path,) = policy_paths(tmp_path / "runs")
     config = mr.load(path).config
     assert (config.moves, config.method) == (moves, "moves")
-    assert config.process.features == (("x", "y", "h") if options else ("x", "y", "d", "g"))
+    expected = method_config("moves", find_scenario("1a"))
+    assert config.process == expected.process
+    assert (config.learning.eta, config.learning.episodes) == (expected.learning.eta, 2000)
+    refused = command("train", *given, "--method", "paper")
+    assert refused.returncode == 2
+    assert "no effect on method paper" in refused.stderr
 
 
 @pytest.mark.slow

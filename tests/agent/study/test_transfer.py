@@ -6,11 +6,12 @@ from typing import Any
 import msgspec
 import pytest
 
+from agent.evaluation.statistics import Interval
 from agent.study import engine
 from agent.study.options import AXES, RobustnessOptions, TransferOptions
 from agent.study.report import Report
 from agent.study.store import EpisodeStore
-from agent.study.studies import TransferReport, goals, robustness, transfer, worlds_of
+from agent.study.studies import TransferReport, _verdict, goals, robustness, transfer, worlds_of
 from cosim.base.errors import UserError
 from cosim.model.scenario_file import ROUGH, find_scenario, in_world, read_world
 from cosim.model.world import IDEAL, World
@@ -91,15 +92,34 @@ def test_budget_leaves_a_table_of_what_is_there(board, tmp_path):
 @pytest.mark.long
 def test_goals_are_judged_by_the_worst_row(table):
     best = [msgspec.structs.replace(row, policy="moves") for row in table.rows]
+    success, collisions, paths = goals(best)
+    assert [success.verdict, collisions.verdict, paths.verdict] == ["not decided"] * 3
+    assert "(99.0%): not decided; the worst row has 100.0% [34.2, 100.0]" in success.finding()
     failing = msgspec.structs.replace(
         best[0], mu=0.2, success=0.5, success_low=0.1, success_high=0.9
     )
-    success, collisions, paths = goals([*best, failing])
-    assert (success.worst, success.mu, success.holds) == (0.5, 0.2, False)
+    wide = msgspec.structs.replace(best[0], mu=0.1, success=0.4, success_high=1.0)
+    success, collisions, _ = goals([*best, wide, failing])
+    assert (success.worst, success.mu, success.verdict) == (0.5, 0.2, "does not hold")
     assert "(99.0%): does not hold; the worst row has 50.0% [10.0, 90.0]" in success.finding()
-    assert (collisions.worst, collisions.holds) == (0.0, True)
-    assert paths.holds
+    assert collisions.worst == 0.0
     assert table.goals == ()  # of another method
+
+
+@pytest.mark.parametrize(
+    ("of", "sign", "verdict"),
+    [
+        ((1.0, 0.991, 1.0), 1, "holds"),
+        ((1.0, 0.98, 1.0), 1, "not decided"),
+        ((0.9, 0.8, 0.98), 1, "does not hold"),
+        ((0.9, 0.8, 0.98), -1, "holds"),
+        ((1.0, 0.98, 1.1), -1, "not decided"),
+        ((1.1, 1.0, 1.2), -1, "does not hold"),
+        ((1.0, None, None), 1, "not decided"),
+    ],
+)
+def test_a_goal_holds_if_its_interval_does(of, sign, verdict):
+    assert _verdict(Interval(*of), sign, 0.99) == verdict
 
 
 def test_the_default_world_is_there_wherever_the_command_runs(tmp_path, monkeypatch):

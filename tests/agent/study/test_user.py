@@ -2,8 +2,9 @@
 
 import importlib
 import json
+import sqlite3
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
@@ -17,6 +18,7 @@ from agent.study.policies import ObjectPolicy, policy_of
 from agent.study.report import Report
 from agent.study.store import EpisodeStore
 from agent.study.user import evaluate, read_study, study
+from agent.training.policy import Policy
 from cosim.base.errors import UserError
 from cosim.base.provenance import identity_of
 from cosim.model.config import CoSimConfig
@@ -38,13 +40,20 @@ class Stubborn:
         return np.full(len(observation.cells), self.direction)
 
 
+class Named(Stubborn):
+    """Says what it is known by."""
+
+    def digest(self):
+        return self.direction
+
+
 @pytest.fixture(scope="module")
 def out(tmp_path_factory):
     return tmp_path_factory.mktemp("study")
 
 
 def measured(out, near_file, **options) -> Report:
-    policies = {"near": near_file, "stubborn": Stubborn()}
+    policies = {"near": near_file, "stubborn": Named()}
     axes = {"noise": [0.0, 0.05], "shield": False}
     return study(policies, NEAR, episodes=2, jobs=1, out=out, time_limit=40.0, **axes, **options)
 
@@ -94,32 +103,62 @@ def test_files_say_what_the_table_says(table, out):
         table.plot("mu")
 
 
-def test_the_identity_of_an_object_is_its_code_and_its_state():
-    one, same, other = (ObjectPolicy(Stubborn(k), NEAR).digest() for k in (0, 0, 2))
+def test_an_object_is_known_by_the_digest_of_its_class_alone(near_policy):
+    one, same, other = (ObjectPolicy(Named(k), NEAR).digest() for k in (0, 0, 2))
     assert one == same != other
+    assert None not in (one, other)
 
-    class Local(Stubborn):
-        """Cannot be pickled."""
+    class Inherits(Named):
+        """May decide otherwise."""
 
-    assert ObjectPolicy(Stubborn(), NEAR).recognizable
-    assert not ObjectPolicy(Local(), NEAR).recognizable
+    class OfTables(Policy):
+        """May act otherwise."""
+
+    assert ObjectPolicy(Inherits(), NEAR).digest() is None
+    assert identity_of(near_policy) == near_policy.digest()
+    assert identity_of(OfTables(**vars_of(near_policy))) is None
 
 
-def test_the_identity_of_an_object_is_that_of_its_bases_and_parts(tmp_path, monkeypatch):
-    above = tmp_path / "above.py"
-    above.write_text("class Above:\n    way = 2\n")
-    (tmp_path / "own.py").write_text(
-        "import above\n\nclass Of(above.Above):\n    pass\n\n"
-        "class Has:\n    def __init__(self):\n        self.part = above.Above()\n"
-    )
+def vars_of(policy):
+    return {field.name: getattr(policy, field.name) for field in fields(policy)}
+
+
+CODE = """
+from pathlib import Path
+
+import numpy as np
+
+WEIGHTS = Path(__file__).with_name("weights").read_text()
+
+class Own:
+    def act(self, seen):
+        return np.full(len(seen.cells), {})
+"""
+
+
+def test_no_episode_of_edited_code_is_found(tmp_path, monkeypatch, near_file, caplog):
+    """Neither in a session that has imported it, nor after its import, nor for other weights."""
     monkeypatch.syspath_prepend(tmp_path)
-    own = importlib.import_module("own")
-    before = [identity_of(own.Of()), identity_of(own.Has())]
-    assert before == [identity_of(own.Of()), identity_of(own.Has())]
-    above.write_text("class Above:\n    way = 6\n")
-    after = identity_of(own.Of()), identity_of(own.Has())
-    assert None not in before
-    assert all(now not in (None, then) for now, then in zip(after, before, strict=True))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    simulated = []
+    keep = EpisodeStore.keep
+    monkeypatch.setattr(EpisodeStore, "keep", lambda *given: simulated.append(keep(*given)))
+    options: dict[str, Any] = {"episodes": 1, "jobs": 1, "time_limit": 2.0, "out": tmp_path / "out"}
+    (tmp_path / "weights").write_text("1")
+    (tmp_path / "own_driver.py").write_text(CODE.format(0))
+    own: Any = importlib.import_module("own_driver")
+    for edit in (None, (CODE.format(2), "1"), (CODE.format(2), "3")):
+        if edit:
+            (tmp_path / "own_driver.py").write_text(edit[0])
+            (tmp_path / "weights").write_text(edit[1])
+        study({"own": own.Own(), "near": near_file}, NEAR, **options)
+        assert "own: the class has no method digest" in caplog.text
+        if edit:
+            study({"own": importlib.reload(own).Own(), "near": near_file}, NEAR, **options)
+    assert len(simulated) == 5 + 1  # that of the file only once
+    store = EpisodeStore(tmp_path / "out" / "results")
+    with sqlite3.connect(store.folder / "results.sqlite") as file:
+        assert file.execute("SELECT count(*) FROM episodes").fetchone() == (1,)
 
 
 def test_an_object_acts_where_no_table_would_have_room():
@@ -127,10 +166,9 @@ def test_an_object_acts_where_no_table_would_have_room():
     assert len(process.start_offsets) == 256 + 1
 
 
-def test_an_object_without_identity_is_kept_in_memory_only(tmp_path, caplog):
-    policy = Stubborn()
-    policy.act = lambda observation: np.zeros(len(observation.cells), int)
-    table = study({2: policy}, NEAR, episodes=1, jobs=1, out=tmp_path, time_limit=LIMIT_S)
+def test_an_object_without_digest_is_kept_in_memory_only(tmp_path, caplog):
+    options: dict[str, Any] = {"episodes": 1, "jobs": 1, "out": tmp_path, "time_limit": LIMIT_S}
+    table = study({2: Stubborn()}, NEAR, **options)
     assert [row.policy for row in table.rows] == ["2"]  # names may be numbers
     assert "2: " in caplog.text
     assert "in memory only" in caplog.text

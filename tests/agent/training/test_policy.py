@@ -1,7 +1,9 @@
 """Policies act as their tables say, are refused when they should be, and are found again."""
 
 import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -10,9 +12,10 @@ import pytest
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import evaluate
+from agent.training.methods import method_config
 from agent.training.policy import Policy, PolicyConfig, Seed, load_policy
 from agent.training.settings import LearningConfig
-from agent.training.store import LOG_FILE, find_or_make
+from agent.training.store import find_or_make
 from cosim.base.errors import UserError
 from cosim.model.outcome import RUNNING, TIMEOUT, Outcome
 from cosim.model.scenario import Scenario
@@ -165,12 +168,60 @@ def test_any_difference_trains_again(other):
     assert seen
 
 
-@pytest.mark.parametrize("broken", ["policy.npz", LOG_FILE])
-def test_a_damaged_cache_is_trained_again(broken):
+FILES = ("policy.npz", "training.npz", "run.sha256")
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda path: path.write_bytes(b"broken"), Path.unlink], ids=["other", "removed"]
+)
+@pytest.mark.parametrize("broken", FILES)
+def test_a_damaged_cache_is_trained_again(broken, damage):
     policy, _, path = find_or_make(CONFIG)
-    path.with_name(broken).write_bytes(b"broken")
+    whole = path.with_name(broken).read_bytes()
+    damage(path.with_name(broken))
     assert np.array_equal(find_or_make(CONFIG)[0].q, policy.q)
-    assert path.with_name(broken).stat().st_size > 1000
+    assert path.with_name(broken).read_bytes() == whole
+
+
+@pytest.mark.parametrize("exchanged", [FILES[:1], FILES[1:2], FILES])
+def test_files_of_another_seed_are_not_taken_for_those_of_this_one(exchanged, caplog):
+    policy, log, path = find_or_make(CONFIG)
+    *_, other = find_or_make(msgspec.structs.replace(CONFIG, seed=Seed(1)))
+    for name in exchanged:
+        shutil.copy(other.with_name(name), path.with_name(name))
+    found, curves, _ = find_or_make(CONFIG)
+    assert (found.config, found.digest()) == (CONFIG, policy.digest())
+    assert np.array_equal(curves.returns, log.returns)
+    assert "is not of its configuration" in caplog.text
+
+
+def test_a_computed_policy_of_another_scenario_is_not_taken_for_this_ones():
+    configs = [method_config("shortest", find_scenario(name)) for name in ("1a", "1b")]
+    paths = [find_or_make(config)[2] for config in configs]
+    for ending in ("", ".sha256"):
+        shutil.copy(f"{paths[1]}{ending}", f"{paths[0]}{ending}")
+    assert find_or_make(configs[0])[0].config == configs[0]
+
+
+def test_tables_that_are_not_those_of_the_process_are_refused():
+    policy, *_ = find_or_make(CONFIG)
+    for q in (
+        policy.q[:, :, :-1],
+        policy.q[:, :1],
+        policy.q.astype(float),
+        np.repeat(policy.q, 2, 0),
+    ):
+        with pytest.raises(UserError, match="of the policy for scenario 2 do not fit"):
+            replace(policy, q=q)
+    with pytest.raises(UserError, match="do not fit"):
+        replace(policy, q=np.full_like(policy.q, np.nan))
+    with pytest.raises(UserError, match="are not those of the process"):
+        evaluate(policy.process, policy.values[:, :-1])
+    for evaluated in (policy, find_or_make(method_config("planned", CONFIG.scenario))[0]):
+        with pytest.raises(UserError, match="off the board of 30 x 30 cells"):
+            evaluated.evaluate(np.array([[[15, 30], [15, 0]]]))
+        with pytest.raises(UserError, match=r"are not \(K, 2, 2\)"):
+            evaluated.evaluate(np.array([[[15, 29]]]))
 
 
 @pytest.mark.long

@@ -71,6 +71,27 @@ def test_nothing_is_unpacked_twice(motor_fmu, cache):
     assert {path: path.stat().st_mtime_ns for path in unpacked(cache).values()} == stamps
 
 
+DAMAGES = {
+    "cut": lambda library: library.write_bytes(library.read_bytes()[: library.stat().st_size // 2]),
+    "emptied": lambda library: library.write_bytes(b""),
+    "removed": Path.unlink,
+    "exchanged": lambda library: library.write_bytes(library.read_bytes()[::-1]),
+    "a folder in its place": lambda library: (library.unlink(), library.mkdir()),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
+@pytest.mark.parametrize("name", [LIBRARY, "modelDescription.xml"])
+def test_a_damaged_folder_is_unpacked_again(motor_fmu, cache, caplog, name, damage):
+    MotorFmu(motor_fmu)
+    place = unpacked(cache)[name]
+    content = place.read_bytes()
+    damage(place)
+    Motor(MotorFmu(motor_fmu), "m").close()
+    assert place.read_bytes() == content
+    assert "is damaged: unpacking it again" in caplog.text
+
+
 def test_what_a_killed_process_left_is_replaced(motor_fmu, cache):
     MotorFmu(motor_fmu)
     (folder,) = (path for path in (cache / "unpacked").iterdir() if path.is_dir())

@@ -146,10 +146,20 @@ def test_limits_hold_to_the_tick_whenever_a_move_began():
     assert [config.ticks(s) for s in (0.3, 1e3, 1e3 + 1e-5)] == [30_000, 10**8, 10**8 + 1]
 
 
+class Unruly:
+    """An array of a library that refuses to become one of NumPy, as tensors with gradients do."""
+
+    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
+        raise RuntimeError("detach it first")
+
+
 @pytest.mark.parametrize(
     "action",
     [-1, 2, 2.5, [1.5, 2], True, [True, False], [2, 2, 2], [2, 8], [-1, 0], None, "NN", [2],
-     [[2, 2]], [[2], [2, 2]], np.full(2, np.nan), np.array([2.0, 2.0]), [None, 2]],
+     [[2, 2]], [[2], [2, 2]], np.full(2, np.nan), np.array([2.0, 2.0]), [None, 2],
+     np.ma.masked_all(2, int), np.ma.array([2, 2], mask=[False, True]), np.array([2, 2], object),
+     np.array([2**64 - 1, 2], np.uint64), np.array([2, 2], "m8[s]"), {0: 2, 1: 2}, {2, 3},
+     Unruly()],
 )  # fmt: skip
 def test_policies_that_return_anything_else_than_directions_are_refused(motor_fmu, action):
     system = CoSimulation(SHORT, motor_fmu)
@@ -172,7 +182,11 @@ def test_observation_has_the_targets(motor_fmu):
     system.close()
 
 
-@pytest.mark.parametrize("values", ["bad", np.zeros((2, 3)), np.zeros(8), [[0.0] * 8, None]])
+@pytest.mark.parametrize(
+    "values",
+    ["bad", np.zeros((2, 3)), np.zeros(8), [[0.0] * 8, None], np.ma.masked_all((2, 8)),
+     np.zeros((2, 8), object), np.zeros((2, 8), complex), SimpleNamespace(shape=(2, 8)), Unruly()],
+)  # fmt: skip
 def test_values_that_are_none_of_the_directions_are_refused(values):
     policy: Any = SimpleNamespace(act=lambda _: Decision(np.array([SOUTH, NORTH]), values))
     observation = Observation(*np.zeros((5, 2), int))
