@@ -273,6 +273,12 @@ def test_a_policy_may_return_a_list_where_signals_of_some_robots_are_kept():
     assert signals(found[0]) == signals(found[1])
 
 
+def test_the_order_in_which_robots_are_named_changes_no_signal():
+    brief: dict[str, Any] = {"time_limit": 2.0}
+    found = [cosim.simulate("2", Upwards(), **brief, signals=named) for named in ((), (2, 1))]
+    assert signals(found[0]) == signals(found[1])
+
+
 def test_episodes_can_be_pickled_and_copied(policy, tmp_path):
     episode = cosim.simulate("1a", policy, record="summary", time_limit=2.0)
     copies = [pickle.loads(pickle.dumps(copy.deepcopy(episode)))]

@@ -17,12 +17,12 @@ POSES_S = 0.1  # between the poses of more robots
 
 
 def sampled_of(robots: int, named: Sequence[int] = ()) -> tuple[int, ...]:
-    """Return indices of robots with kept signals: of those `named` from 1, or by default some."""
+    """Return rising indices of robots with kept signals: `named` from 1, or by default some."""
     if not named:
         return tuple(range(robots if robots <= SAMPLED else SOME))
     if len(set(named)) < len(named) or not 1 <= min(named) <= max(named) <= robots:
         raise UserError(f"signals = {shorten(named)} must name different robots from 1 to {robots}")
-    return tuple(number - 1 for number in named)
+    return tuple(sorted(number - 1 for number in named))
 
 
 class Decision(NamedTuple):
@@ -88,7 +88,8 @@ class Step(NamedTuple):
     outcome: Outcome  # of the episode, RUNNING until it ends
     duration_s: float  # simulated time
     moved_m: np.ndarray  # (N,) distance of each robot's centre from where it was at first
-    sampled: tuple[int, ...]  # indices of the robots with signals: of all where they are few
+    # rising indices of the robots with signals: of all where they are few
+    sampled: tuple[int, ...]
     # (p, N, 7) position and quaternion of all robots, `POSES_S` apart, where signals are kept of
     # some of them only; else none
     poses: np.ndarray

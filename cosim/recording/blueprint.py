@@ -9,7 +9,8 @@ from typing import Any
 import rerun as rr
 import rerun.blueprint as rrb
 
-from cosim.recording.series import SignalSpec, robot_names, signals_of
+from cosim.model.params import TABLE_I, RobotParams
+from cosim.recording.series import SignalSpec, in_eight, robot_names, signals_of
 
 _ALWAYS = rrb.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
 _WHOLE_TIME = rrb.TimeAxis(view_range=_ALWAYS)
@@ -33,6 +34,7 @@ def episode_blueprint(
     policies: bool = False,
     distances: bool = True,
     camera: bool = False,
+    machine: RobotParams = TABLE_I,
 ) -> rrb.Blueprint:
     """Arena above timelines of actions on the left, tabs of plots on the right.
 
@@ -40,9 +42,10 @@ def episode_blueprint(
         robots: number of robots, or indices of those with signals to show.
         policies: whether the robots' policies are drawn on the floor; then the first tab has action
             values and rewards, else where robots are.
+        machine: plots are named after its motors.
     """
     names = robot_names(robots)
-    signals = signals_of(distances=len(names) > 1 and distances, camera=camera)
+    signals = signals_of(machine, distances=len(names) > 1 and distances, camera=camera)
 
     def plots(title: str, *tabs: str, time: rrb.TimeAxis = _WHOLE_TIME) -> rrb.Grid:
         views: list[tuple[str, list[SignalSpec]]] = []
@@ -62,9 +65,11 @@ def episode_blueprint(
                 name=f"{label}{legend * (drawn[0].path == _Q and not learning)} · {name}",
                 axis_x=time,
                 # A robot's colour tells its signals, the label their order; a legend hides curves,
-                # and is shown where the eight directions have room for it, below their rise.
+                # and is shown where colours are others, of the eight directions where they have
+                # room for it, below their rise.
                 plot_legend=rrb.PlotLegend(
-                    corner=rrb.Corner2D.RightBottom, visible=learning and drawn[0].path == _Q
+                    corner=rrb.Corner2D.RightBottom,
+                    visible=in_eight(drawn[0].names) and (learning or drawn[0].path != _Q),
                 ),
             )
             for label, drawn in views

@@ -107,6 +107,7 @@ class EpisodeRecorder:
             policies=bool(policies),
             distances=self._all_sampled,
             camera=camera,
+            machine=config.robot,
         )
 
         def opened() -> Recording | Kept:

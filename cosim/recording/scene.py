@@ -34,8 +34,10 @@ from cosim.recording.series import (
     PolicyMap,
     SignalSpec,
     Stretch,
+    in_eight,
     periods,
     robot_names,
+    tints,
 )
 
 # Okabe–Ito, safe for colour-blind readers; one per robot.
@@ -149,9 +151,8 @@ def _disc(robot: RobotParams) -> rr.Mesh3D:
 def shades(colour: int, count: int) -> np.ndarray:
     """Return a robot's colour 0xRRGGBBAA and lighter ones, of several components."""
     rgb = np.array([colour >> shift & 0xFF for shift in (24, 16, 8)])
-    shares = (0.0, 0.6, 0.35, 0.8) if count <= 4 else np.linspace(0.0, 0.8, count)
-    mixed = [np.round(rgb + share * (255 - rgb)).astype(int) for share in shares]
-    return palette([(r << 24) + (g << 16) + (b << 8) + 0xFF for r, g, b in mixed[:count]])
+    mixed = [np.round(rgb + tint * (255 - rgb)).astype(int) for tint in tints(count)]
+    return palette([(r << 24) + (g << 16) + (b << 8) + 0xFF for r, g, b in mixed])
 
 
 def robot_colour(robot: int) -> int:
@@ -368,7 +369,7 @@ def write_styles(file: Kept, signals: Sequence[SignalSpec], robots: Sequence[int
     for robot, name in enumerate(robot_names(robots)):
         for signal in signals:
             names, count = signal.names, len(signal.names)
-            eight = 3 < count <= len(EIGHT)
+            eight = in_eight(names) and count <= len(EIGHT)
             colours = palette(EIGHT[:count]) if eight else shades(robot_colour(robot), count)
             set_points = not signal.label and bool(signal.tabs)  # in one plot with the speeds
             file.static(

@@ -106,7 +106,9 @@ class SignalSpec(NamedTuple):
     # Its values (n, N) or (n, N, k) in `Samples`, or in `RawSamples` of bursts; None where the
     # recorder computes them
     of: Callable[[Any], np.ndarray] | None = None
-    label: str = ""  # of its plot; a signal without one is drawn with the signal before it
+    # Of its plot, with {} for the names of components; a signal without one is drawn with the one
+    # before it
+    label: str = ""
     # Of the viewer that have the plot; "values" and "places" are the overview with and without the
     # values of a policy
     tabs: tuple[str, ...] = ()
@@ -138,13 +140,13 @@ _APART = {"sim/distance_m", "rl/distance"}  # of which a robot alone has none
 _spec = SignalSpec
 SIGNALS = (
     _spec("sim/motors/omega", _DE, "rad/s", "fast", "mean", lambda s: s.omega,
-          "speed of D (dark), E, set points (white), rad/s", _MOTORS),
+          "speed of {}, set points (white), rad/s", _MOTORS),
     _spec("sim/motors/omega_des", _DE, "rad/s", "slow", "last", lambda s: s.omega_des, "", _MOTORS),
     _spec("sim/motors/voltage", _DE, "V", "fast", "mean", lambda s: s.voltage,
-          "voltage of D (dark), E, V", ("overview",)),
+          "voltage of {}, V", ("overview",)),
     _spec("sim/motors/theta", _DE, "rad", "slow", "last", lambda s: s.theta),
     _spec("sim/motors/current", _DE, "A", "slow", "mean", lambda s: s.current,
-          "current of D (dark), E, A", ("motors",)),
+          "current of {}, A", ("motors",)),
     _spec("sim/motors/omega_dot", _DE, "rad/s2", "slow", "last", lambda s: s.omega_dot, full=True),
     _spec("sim/motors/noise", _DE, "rad/s", "slow", "last", lambda s: s.noise, full=True),
     _spec("sim/motors/u", _DE, "V", "slow", "last", lambda s: s.command, full=True),
@@ -211,13 +213,35 @@ def signals_of(
         _ABC: feet,
         _FRICTION: tuple(f"{foot} {axis}" for foot in feet for axis in _XY),
     }
+    known = ((signal, own.get(signal.names, signal.names)) for signal in SIGNALS)
     return [
-        signal._replace(names=own.get(signal.names, signal.names))
-        for signal in SIGNALS
+        signal._replace(names=names, label=signal.label.format(_listed(names)))
+        for signal, names in known
         if (distances or signal.path not in _APART)
         and (camera or not signal.path.startswith("sim/estimate/"))
         and (full or not signal.full)
     ]
+
+
+def tints(count: int) -> Sequence[float]:
+    """Return how far the colour of each component of a signal is from a robot's towards white."""
+    return (0.0, 0.6, 0.35, 0.8)[:count] if count <= 4 else np.linspace(0.0, 0.8, count).tolist()
+
+
+def in_eight(names: Sequence[str]) -> bool:
+    """Return whether a signal's components have the eight colours, so that their plot has a legend.
+
+    Fewer have tints of their robot's colour.
+    """
+    return len(names) > 3
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names of components for the label of their plot, tints from dark to light."""
+    if len(names) == 1 or in_eight(names):
+        return ", ".join(names)
+    dark, *lighter = [name for _, name in sorted(zip(tints(len(names)), names, strict=True))]
+    return ", ".join([f"{dark} (dark)", *lighter])
 
 
 def robot_names(robots: int | Sequence[int]) -> list[str]:

@@ -11,16 +11,18 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
 from cosim.base.errors import FileError, UserError
 from cosim.coupling.rl_step import Decision
 from cosim.coupling.signals import RawSamples, Samples
 from cosim.model.config import CoSimConfig
-from cosim.model.params import TIMING
+from cosim.model.params import TABLE_I, TIMING, Mount, motor_names
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Patch, World
+from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept, Recording, scalars, simulated
 from cosim.recording.reader import read_chunks, read_episode, read_rrd
@@ -389,6 +391,36 @@ def test_a_robot_has_one_colour_in_every_view():
     seen = [{*shades(robot_colour(robot), 3).tolist()} for robot in range(len(ROBOT_COLOURS))]
     assert all(robot_colour(robot) in colours for robot, colours in enumerate(seen))
     assert len(set.union(*seen)) == 3 * len(ROBOT_COLOURS)
+
+
+def views_of(part: Any) -> list[rrb.TimeSeriesView]:
+    if isinstance(part, rrb.TimeSeriesView):
+        return [part]
+    children = getattr(part, "contents", ())
+    return [view for child in children if child is not part for view in views_of(child)]
+
+
+@pytest.mark.parametrize("motors", range(1, 9))
+def test_plots_say_which_curve_is_which_motor(motors):
+    """By tints from dark to light, and by a legend where there are too many for them."""
+    mounts = (Mount((0.0, 0.0, 0.003), (0.0, 1.0, 0.0)),) * motors
+    names, tints = motor_names(motors), shades(robot_colour(0), motors).tolist()
+    by_tint = motors < 4
+    listed = [name for _, name in sorted(zip(tints, names, strict=True))] if by_tint else names
+    expected = ", ".join(listed).replace("D", "D (dark)" if by_tint and motors > 1 else "D")
+    blueprint = episode_blueprint(1, (0.3, 0.3), machine=TABLE_I._replace(motors=mounts))
+    plots = [
+        view
+        for view in views_of(blueprint.root_container)
+        if "/sim/r1/motors/" in next(iter(view.contents))
+    ]
+    assert {view.name for view in plots} == {
+        f"speed of {expected}, set points (white), rad/s · r1",
+        f"voltage of {expected}, V · r1",
+        f"current of {expected}, A · r1",
+    }
+    legends = [view.properties["PlotLegend"].visible.as_arrow_array().to_pylist() for view in plots]
+    assert legends == [[not by_tint]] * len(plots)
 
 
 def test_arrows_of_a_policy_are_seen_on_every_value():
