@@ -47,7 +47,9 @@ def chosen(episode: Episode, names: Sequence[str] = (), rate_hz: float | None = 
             default. States stay.
     """
     if rate_hz is not None and not 0.0 < rate_hz < 1e9:
-        raise UserError(f"--rate {rate_hz:g} is invalid; give samples per second above 0")
+        raise UserError(
+            f"--rate {rate_hz:g} is invalid; give samples per second above 0 and below 1e9"
+        )
     paths = [*episode.signals, *episode.texts]
     kept = set() if names else {*paths}
     for name in names:

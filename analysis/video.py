@@ -10,6 +10,7 @@ from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from matplotlib.text import Text
 
 from analysis.figures.fig05 import draw_board, robot_colour
 from cosim.base.errors import FileError, UserError, installing
@@ -39,14 +40,18 @@ def write_video(
     draw_board(axes, scenario)
     axes.set(xlabel="", xticks=[], yticks=[])
     drawn = [_robot(axes, episode, number) for number in range(len(episode.robots))]
-    times_s = np.arange(0.0, episode.time_s + 0.5 * speed / FRAMES_PER_S, speed / FRAMES_PER_S)
+    for number, (x, y) in enumerate(scenario.targets):
+        _number(axes, number, scenario.robots).set_position(
+            (100.0 * scenario.cell_m * (x + 0.5), 100.0 * scenario.cell_m * (y + 0.5))
+        )
+    times_s = [*np.arange(0.0, episode.time_s, speed / FRAMES_PER_S).tolist(), episode.time_s]
     with replacing(out) as temporary, writer.saving(figure, str(temporary), dpi=100):
-        for time_s in times_s.tolist():
+        for time_s in times_s:
             for move in drawn:
                 move(time_s)
-            over = time_s + speed / FRAMES_PER_S > episode.time_s
-            state = episode.outcome if over and episode.outcome else f"{speed:g} x"
-            axes.set_title(f"{min(time_s, episode.time_s):5.1f} s   {state}", loc="left")
+            over = time_s == episode.time_s and episode.outcome
+            state = episode.outcome if over else f"{speed:g} x"
+            axes.set_title(f"{time_s:5.1f} s   {state}", loc="left")
             writer.grab_frame()
             progress("drawing", time_s, episode.time_s)
     plt.close(figure)
@@ -67,6 +72,12 @@ def _writer(out: Path) -> FFMpegWriter | PillowWriter:
     return FFMpegWriter(fps=FRAMES_PER_S, extra_args=["-pix_fmt", "yuv420p", "-f", "mp4"])
 
 
+def _number(axes: Axes, robot: int, robots: int) -> Text:
+    """Write the number of one of several robots on the board, as colours are used in turn."""
+    style = {"ha": "center", "va": "center", "fontsize": 7, "clip_on": True}
+    return axes.text(0.0, 0.0, str(robot + 1) if robots > 1 else "", style)
+
+
 def _robot(axes: Axes, episode: Episode, number: int) -> Callable[[float], None]:
     """Draw a robot on the board; the function moves it to where it is at a time."""
     robot, colour = episode.robots[number], robot_colour(number)
@@ -74,6 +85,7 @@ def _robot(axes: Axes, episode: Episode, number: int) -> Callable[[float], None]
     radius = 50.0 * episode.parameter("diameter_m")
     disc = Circle((0.0, 0.0), radius, facecolor=colour, alpha=0.5)
     axes.add_patch(disc)
+    number_text = _number(axes, number, len(episode.robots))
     nose, trail = (axes.add_line(Line2D([], [], color=c)) for c in ("black", colour))
 
     def move(time_s: float) -> None:
@@ -82,6 +94,7 @@ def _robot(axes: Axes, episode: Episode, number: int) -> Callable[[float], None]
         at = path[-1]
         angle = np.interp(time_s, heading.time_s, np.unwrap(heading.values))
         disc.set(center=at)
+        number_text.set_position(at)
         ahead = at + radius * np.array((np.cos(angle), np.sin(angle)))
         nose.set_data([at[0], ahead[0]], [at[1], ahead[1]])
         trail.set_data(*path.T)

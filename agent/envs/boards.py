@@ -39,18 +39,21 @@ from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
 
 Count = Annotated[int, msgspec.Meta(ge=1)]
 _Seed = Annotated[int, msgspec.Meta(ge=0)]
+_NO_LIMIT = 2**62  # of steps
 
 
 class Results(NamedTuple):
     """Result of the last step of K boards of N robots with F features."""
 
     outcomes: np.ndarray  # (K,) int64, ranks of `cosim.model.outcome`
+    over: np.ndarray  # (K,) bool, boards whose episode has an outcome or was cut
     # (K, N, F); on the grid int64 features counted from 0, where a robot that left the board seems
     # to be at its edge
     observations: np.ndarray
     rewards: np.ndarray  # (K, N) float64
     terminated: np.ndarray  # (K, N) bool, robots that arrived or failed in the step
-    # (K, N) bool, robots still on their move when the episode ended in the step
+    # (K, N) bool, robots still on their move when the episode ended in the step, and those that
+    # moved in a step that cut it
     truncated: np.ndarray
     active: np.ndarray  # (K, N) bool, robots that use their next action
 
@@ -60,7 +63,8 @@ class EnvBoards(ABC):
 
     A robot that has ended before the others of its board stays there, inactive: its actions are
     ignored, its rewards 0. The step after the end of a board's episode begins another one with all
-    its robots, as the first step does without a reset.
+    its robots, as the first step does without a reset. A limit of steps cuts an episode as
+    Gymnasium's `TimeLimit` does: it is no outcome, and truncates whatever else the step has.
 
     Attributes:
         scenario: board, targets and start cells.
@@ -90,7 +94,11 @@ class EnvBoards(ABC):
         size, kind = observation_space.shape or (), observation_space.dtype
         # none is running yet
         self.arrays: Results = Results(
-            np.full(count, TIMEOUT), np.zeros((*rows, *size), dtype=kind), np.zeros(rows), *flags
+            np.full(count, TIMEOUT),
+            np.ones(count, dtype=bool),
+            np.zeros((*rows, *size), dtype=kind),
+            np.zeros(rows),
+            *flags,
         )
 
     def seed(self, seed: int | Sequence[int | None] | None) -> None:
@@ -170,7 +178,7 @@ class EnvBoards(ABC):
 
     def remaining(self) -> np.ndarray:
         """Return which robots have not ended their episode, (K, N) bool."""
-        return self.arrays.active
+        return self.arrays.active & ~self.arrays.over[:, None]
 
     @abstractmethod
     def path_length_cm(self) -> np.ndarray:
@@ -182,7 +190,7 @@ class EnvBoards(ABC):
 
     def close(self) -> None:
         """End all episodes, and free what simulates."""
-        self.arrays.outcomes[:] = TIMEOUT
+        self.arrays.outcomes[:], self.arrays.over[:] = TIMEOUT, True
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of everything that changes; it can be pickled."""
@@ -235,6 +243,7 @@ def _begin(features: np.ndarray, grid: GridState, results: Results, m: int) -> N
     """Begin an episode on board m, after its robots have been placed."""
     grid.steps[m] = 0
     results.outcomes[m] = RUNNING
+    results.over[m] = False
     grid.path_cells[m] = 0.0
     results.rewards[m] = 0.0
     results.terminated[m] = False
@@ -263,9 +272,18 @@ def _begin_some(
 
 @kernel
 def _step(
-    process: Process, features: np.ndarray, grid: GridState, results: Results, actions: np.ndarray
+    process: Process,
+    features: np.ndarray,
+    grid: GridState,
+    results: Results,
+    actions: np.ndarray,
+    limit: int,
 ) -> None:
-    """Step every board by (K, N) int64 actions; one that has ended begins again instead."""
+    """Step every board by (K, N) int64 actions; one that has ended begins again instead.
+
+    Args:
+        limit: of steps, which cuts episodes.
+    """
     n = len(process.start_offsets) - 1
     cells = np.empty((n, 2), dtype=np.int64)
     executed = np.empty(n, dtype=np.int64)
@@ -273,7 +291,7 @@ def _step(
     slips = process.slip_threshold > np.uint64(0)
     for m in range(len(actions)):
         world = grid.worlds[m]
-        if results.outcomes[m] != RUNNING:
+        if results.over[m]:
             place_randomly(process, world, cells, grid.random[m])
             _begin(features, grid, results, m)
             continue
@@ -285,24 +303,33 @@ def _step(
         grid.steps[m] += 1
         if outcome == RUNNING and grid.steps[m] == process.step_limit:
             outcome = TIMEOUT
+        cut = grid.steps[m] >= limit
         results.outcomes[m] = outcome
+        results.over[m] = outcome != RUNNING or cut
         for i in range(n):
             moved, moving = results.active[m, i], world[i, STATUS] == MOVING
             grid.path_cells[m, i] += np.sqrt(float(world[i, VX] ** 2 + world[i, VY] ** 2))
             results.rewards[m, i] = rewards[i]
             results.terminated[m, i] = moved and not moving
-            results.truncated[m, i] = moved and moving and outcome != RUNNING
+            results.truncated[m, i] = moved and (cut or (moving and outcome != RUNNING))
             results.active[m, i] = moving and outcome == RUNNING
         _observe(features, grid, results, m)
 
 
 class Boards(EnvBoards):
-    """K boards of a scenario on the grid; `arrays` is overwritten by every step."""
+    """K boards of a scenario on the grid; `arrays` is overwritten by every step.
+
+    Args:
+        limit: of steps; None for none.
+    """
 
     _mutable = ("grid", "arrays")
 
-    def __init__(self, count: int, scenario: Scenario, config: ProcessConfig) -> None:
+    def __init__(
+        self, count: int, scenario: Scenario, config: ProcessConfig, limit: int | None = None
+    ) -> None:
         refuse_without_effect(config, "environments on the grid")
+        self._limit = min(limit or _NO_LIMIT, _NO_LIMIT)
         self.process = build_process(scenario, config)
         super().__init__(count, scenario, *direction_spaces(scenario, config), config)
         self._features = np.array(observed_columns(scenario, config))
@@ -331,7 +358,7 @@ class Boards(EnvBoards):
 
     def step(self, actions: np.ndarray) -> None:
         """See `EnvBoards.step`."""
-        _step(self.process, self._features, self.grid, self.arrays, actions)
+        _step(self.process, self._features, self.grid, self.arrays, actions, self._limit)
 
     def path_length_cm(self) -> np.ndarray:
         """See `EnvBoards.path_length_cm`."""

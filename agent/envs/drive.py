@@ -24,7 +24,7 @@ from cosim.base.errors import shorten
 from cosim.base.jit import kernel
 from cosim.coupling.signals import Samples
 from cosim.model.config import CoSimConfig, whole_ratio
-from cosim.model.outcome import RUNNING, SUCCESS
+from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
 from cosim.model.params import TIMING, Positive
 from cosim.model.scenario import Scenario, touches_obstacle
 from cosim.onboard.estimation import POSE
@@ -120,7 +120,8 @@ class DriveBoards(DynamicsBoards):
         context: observe friction, motor spread, restitution, slope and payload of the episode.
         control_interval: simulated time of a step in s.
         reach: largest distance of a target in m.
-        max_episode_steps: limit of steps, in addition to the physics' `time_limit` (120 s).
+        max_episode_steps: limit of steps, which cuts episodes as Gymnasium's `TimeLimit` does, in
+            addition to the physics' `time_limit` (120 s).
         physics: see `agent.envs.dynamics.DynamicsBoards`.
     """
 
@@ -155,8 +156,7 @@ class DriveBoards(DynamicsBoards):
         self._identity = (*self._identity, observe)
         timing, rows = self._config.timing, count * self.shape[1]
         step_ticks = self._config.periods_per_step * self._config.ticks_per_period
-        last = -(-self._config.ticks(timing.episode_limit_s) // step_ticks)
-        self._limit = min(self._limit, last)
+        self._last_step = -(-self._config.ticks(timing.episode_limit_s) // step_ticks)
         sizes = ((3,), (3,), (2,), (), (2,), (5,))
         self._rows = Driven._make(np.zeros((rows, *size)) for size in sizes)
 
@@ -242,7 +242,7 @@ class DriveBoards(DynamicsBoards):
         """Drive for a control interval; see the base class."""
         rows, batch, outcomes = self._rows, self._batch, self.arrays.outcomes
         state, count, robots = batch.state, len(rows.poses), self.shape[1]
-        running, moved = outcomes == RUNNING, self.remaining()
+        running, moved = ~self.arrays.over, self.remaining()
         before, before_m = rows.poses.copy(), rows.away_m.copy()
         commands = state.commands[:count]
         speeds = set_points(
@@ -263,6 +263,7 @@ class DriveBoards(DynamicsBoards):
         events = state.events[:count].reshape(self.shape)
         worst = events.max(axis=1)
         ends = np.where(self._arrived.all(axis=1) & (worst == RUNNING), SUCCESS, worst)
+        ends[(ends == RUNNING) & (self._steps >= self._last_step)] = TIMEOUT
         outcomes[running] = ends[running]
         lost[running & (worst != RUNNING)] = True
         gained = 1.0 * self._arrived - 1.0 * (events != RUNNING)
@@ -306,8 +307,9 @@ class DriveVectorEnv(RowsVectorEnv):
     - Termination: (R,) bool, by `ends="together"` the rows of a board when all its robots have
       arrived (5 mm) or one has left the board or touched something; by `ends="own"` a robot that
       arrived in its own step, the others then.
-    - Truncation: (R,) bool, robots that have not arrived at the limit: `max_episode_steps`, or
-      `time_limit` (120 s of simulated time).
+    - Truncation: (R,) bool, robots that have not arrived at `time_limit` (120 s of simulated time);
+      and at `max_episode_steps`, also robots that arrived or failed in that step, as Gymnasium's
+      `TimeLimit` has it.
     - Restart: a board begins again in the step after its end, all its robots (next-step autoreset).
     - Infos: (R,) arrays: `outcome`, `is_success`, `path_length`, `active` as of `DriveEnv`.
       Gymnasium's masks `_outcome` and so on are True in every row.
@@ -341,8 +343,8 @@ class DriveEnv(SingleEnv):
       "sparse" 1 on arrival, -1 on failure, else 0.
     - Termination: the centre is within 5 mm of the target, or left the board, or the robot touched
       an obstacle.
-    - Truncation: after `max_episode_steps` (of the id 1200), or `time_limit` (120 s of simulated
-      time).
+    - Truncation: after `max_episode_steps` (of the id 1200), whatever else that step has, or
+      `time_limit` (120 s of simulated time).
     - Infos: as of `agent.envs.navigation.NavigationEnv`.
     - Options of `reset`: `starts`, [[x, y, heading]] in m and rad, by default anywhere on it;
       `targets`, [[x, y]] in m, by default within `reach` (0.2 m) of the start; `mu`, friction

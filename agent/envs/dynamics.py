@@ -32,7 +32,7 @@ from agent.mdp.rewards import failed, reward_parts
 from agent.moves.worlds import checked_ranges, draw_world
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.progress import progress_bars
-from cosim.model.outcome import BY_RANK, RUNNING, TIMEOUT
+from cosim.model.outcome import BY_RANK, RUNNING
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
 from cosim.model.world import IDEAL
@@ -43,14 +43,14 @@ from cosim.simulation.options import options_of, resolve
 
 
 class DynamicsBoards(EnvBoards):
-    """K boards that share a batch and end at the first failure, at a time or at a limit of steps.
+    """K boards that share a batch and end at the first failure or at a time.
 
     The motor FMU is compiled and the robots calibrated the first time (some seconds).
 
     Args:
         physics: options by the names of `cosim.simulate`, and `worlds`, ranges to draw a world from
             in every episode.
-        limit: of steps, in addition to the physics' own `time_limit`; None for none.
+        limit: of steps, which cuts episodes; None for none.
     """
 
     reset_options = ("starts", "targets", "mu")
@@ -131,6 +131,7 @@ class DynamicsBoards(EnvBoards):
             config = config.having("given", mu=mu)
         starts = tuple((int(x), int(y)) for x, y in cells)
         self.arrays.outcomes[m], self._arrived[m], self._steps[m] = RUNNING, False, 0
+        self.arrays.over[m] = False
         self._set_up(m, self._batch.begin(m, scenario, starts, noise, config), placed)
 
     @abstractmethod
@@ -143,23 +144,25 @@ class DynamicsBoards(EnvBoards):
 
     def step(self, actions: np.ndarray) -> None:
         """See `EnvBoards.step`."""
-        outcomes, moved = self.arrays.outcomes, self.remaining()
-        running = outcomes == RUNNING
+        outcomes, over, moved = self.arrays.outcomes, self.arrays.over, self.remaining()
+        running = ~over
         rewards, lost = np.zeros(self.shape), np.zeros(self.shape, dtype=bool)
+        self._steps += running
         if running.any():
             self._advance(actions, rewards, lost)
-        self._steps += running
-        outcomes[running & (outcomes == RUNNING) & (self._steps >= self._limit)] = TIMEOUT
-        for m in np.flatnonzero(running & (outcomes != RUNNING)).tolist():
+        cut, ended = self._steps >= self._limit, outcomes != RUNNING
+        over |= cut | ended
+        for m in np.flatnonzero(running & over).tolist():
             self._batch.stop(m)
         for m in np.flatnonzero(~running).tolist():
             self._begin_board(m, None, self._placement(None, None))
         moving = ~(self._arrived | lost)
-        self._publish(rewards, moved & ~moving, moved & moving & (outcomes != RUNNING)[:, None])
+        truncated = moved & (cut[:, None] | (moving & ended[:, None]))
+        self._publish(rewards, moved & ~moving, truncated)
 
     @abstractmethod
     def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
-        """Simulate a step of the running boards by (K, N, ...) actions.
+        """Simulate a step of the boards that are not over by (K, N, ...) actions.
 
         Args:
             rewards: (K, N), zeros that get the rewards of the step.
@@ -173,11 +176,12 @@ class DynamicsBoards(EnvBoards):
     def _publish(self, rewards: np.ndarray, terminated: np.ndarray, truncated: np.ndarray) -> None:
         outcomes, (observations, awaiting) = self.arrays.outcomes, self._observed()
         active = awaiting & (outcomes == RUNNING)[:, None]
-        self.arrays = Results(outcomes, observations, rewards, terminated, truncated, active)
+        ends = terminated, truncated
+        self.arrays = Results(outcomes, self.arrays.over, observations, rewards, *ends, active)
 
     def remaining(self) -> np.ndarray:
         """See `EnvBoards.remaining`."""
-        return ~self._arrived & (self.arrays.outcomes == RUNNING)[:, None]
+        return ~self._arrived & ~self.arrays.over[:, None]
 
     def _episodes(self) -> list[RunningEpisode]:
         """Return the episode of each board, which has one."""
@@ -252,7 +256,7 @@ class CoSimBoards(DynamicsBoards):
     def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
         """Simulate an RL step, or until a robot waits for an action; see the base class."""
         outcomes, episodes = self.arrays.outcomes, self._episodes()
-        while running := np.flatnonzero(outcomes == RUNNING).tolist():
+        while running := np.flatnonzero((outcomes == RUNNING) & ~self.arrays.over).tolist():
             for m, step in self._batch.advance({m: actions[m] for m in running}).items():
                 outcomes[m] = BY_RANK.index(step.outcome)
                 self._arrived[m] = arrived = episodes[m].arrived

@@ -9,7 +9,7 @@ seeds, boards with several those of as many `NavigationParallelEnv`.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import fields, replace
+from dataclasses import fields
 from itertools import compress
 from typing import Any
 
@@ -49,8 +49,8 @@ def direction_boards(
 
     Args:
         cosim: simulate motors and contacts instead of moving on the grid.
-        max_episode_steps: limit of steps, next to the process's own `step_limit`, and in the
-            co-simulation to the physics' `time_limit`.
+        max_episode_steps: limit of steps, which cuts episodes as Gymnasium's `TimeLimit` does, next
+            to the process's own `step_limit`, in the co-simulation to the physics' `time_limit`.
         physics: of the co-simulation, see `agent.envs.dynamics.CoSimBoards`.
 
     Raises:
@@ -68,9 +68,7 @@ def direction_boards(
         return CoSimBoards(count, scenario, config, physics, limit)
     for name in physics:
         raise ConfigError(f"{name} has no effect on the grid; leave it out, or give cosim=True")
-    if limit is not None:
-        config = replace(config, step_limit=min(config.step_limit, limit))
-    return Boards(count, find_scenario(scenario, ideal=True), config)
+    return Boards(count, find_scenario(scenario, ideal=True), config, limit)
 
 
 class NavigationEnv(SingleEnv):
@@ -85,9 +83,11 @@ class NavigationEnv(SingleEnv):
     - Reward, Eq. (8): 100 on arrival, -100 on failure, else -1 per move, in the dynamics per RL
       step that passed. `process` can give other amounts.
     - Termination: the robot arrived, left the board or touched an obstacle.
-    - Truncation: after `max_episode_steps`, on the grid also `process.step_limit` (1000 moves), in
-      the dynamics also `time_limit` (600 s of simulated time).
-    - Infos: `outcome`, int, 0 running, 1 timeout, 2 success, 3 collision, 4 out of the board;
+    - Truncation: after `max_episode_steps`, whatever else that step has; on the grid also after
+      `process.step_limit` (1000 moves), in the dynamics after `time_limit` (600 s of simulated
+      time).
+    - Infos: `outcome`, int, 0 running, also where `max_episode_steps` cut it, 1 timeout, by the
+      other limits, 2 success, 3 collision, 4 out of the board;
       `is_success`, bool; `path_length`, float, cm since the start; `active`, bool, whether the next
       action counts; with `outcome_names`, `outcome_name`, str.
     - Options of `reset`: `starts`, [[column, row]]; in the dynamics also `targets`, likewise,
@@ -128,8 +128,9 @@ class RobotsVectorEnv(RowsVectorEnv):
       have arrived, or one left the board or touched something; by `ends="own"` each robot that
       arrived or failed, in its own step. Each row ends once per episode.
     - Truncation: (R,) bool, robots still on their move when their board ended, by a failure of
-      another robot or at a limit: `max_episode_steps`, on the grid `process.step_limit` (1000
-      moves), in the dynamics `time_limit` (600 s of simulated time).
+      another robot or at a limit: on the grid `process.step_limit` (1000 moves), in the dynamics
+      `time_limit` (600 s of simulated time); and at `max_episode_steps`, also robots that arrived
+      or failed in that step, as Gymnasium's `TimeLimit` has it.
     - Restart: a board begins again in the step after its end, all its robots (next-step autoreset).
     - Infos: (R,) arrays as of `NavigationEnv`, `outcome` that of the board. Gymnasium's masks
       `_outcome` and so on are True in every row.

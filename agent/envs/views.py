@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 from agent.envs.boards import checked_options
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.errors import UserError, shorten
-from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS
+from cosim.model.outcome import BY_RANK, SUCCESS
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 
@@ -151,7 +151,7 @@ class SingleEnv(View, gym.Env[np.ndarray, Any]):
                 environment is closed.
         """
         self._require_open()
-        if self._boards.arrays.outcomes[0] != RUNNING:
+        if self._boards.arrays.over[0]:
             raise ConfigError("no episode is running; call reset before the next step")
         observations, *(reward, terminated, truncated), infos = self._step([action])
         ends = bool(terminated[0]), bool(truncated[0])
@@ -223,7 +223,8 @@ class RowsVectorEnv(View, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         observations, rewards, terminated, truncated, infos = self._step(actions)
         if self._together:
-            terminated = (infos["outcome"] != RUNNING) & ~truncated
+            over = np.repeat(self._boards.arrays.over, self._robots)
+            terminated = over & (terminated | ~truncated)
         return observations, rewards, terminated, truncated, _masked(infos)
 
     def render(self) -> tuple[Any, ...] | None:

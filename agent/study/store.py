@@ -90,6 +90,8 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             with contextlib.closing(sqlite3.connect(path, timeout=_WAIT_S)) as file:
                 yield file
         except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode == sqlite3.SQLITE_ERROR:  # other tables than ours
+                raise
             raise FileError(
                 f"{path}: cannot be read or written ({error}); free some space, wait until another "
                 "process ends, or choose another --out"

@@ -119,6 +119,7 @@ def test_some_signals_at_some_rate(command, recording, episode, tmp_path, kind):
         (("--signals", "r1/motors/omega", "r9/*"), r"--signals r9/\*: "),
         (("--rate", "0"), "--rate 0 is invalid; give samples per second above 0"),
         (("--rate", "nan"), "--rate nan is invalid"),
+        (("--rate", "1e9"), r"--rate 1e\+09 is invalid; .* above 0 and below 1e9"),
         (("--to", "xls"), "parquet"),
     ],
 )

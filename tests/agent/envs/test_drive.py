@@ -42,7 +42,7 @@ def test_robots_drive_as_commanded_and_rewards_are_of_progress():
 
 
 def test_episodes_end_at_the_target_at_the_edge_and_in_time():
-    env = DriveVectorEnv(3, reward="sparse", max_episode_steps=4)
+    env = DriveVectorEnv(3, reward="sparse", time_limit=0.4)
     poses = np.array([[[0.15, 0.15, 0.0]], [[0.2995, 0.1, 0.0]], [[0.1, 0.1, 0.0]]])
     targets = np.array([[[0.156, 0.15]], [[0.2, 0.1]], [[0.2, 0.1]]])
     env.reset(seed=0, options={"starts": poses, "targets": targets})

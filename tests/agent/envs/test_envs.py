@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from agent import envs
@@ -22,7 +24,7 @@ from agent.mdp.interpretations import build_process
 from agent.mdp.rng import seeded_state
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
-from cosim.model.outcome import BY_RANK, COLLISION, OUT_OF_BOARD, RUNNING, TIMEOUT
+from cosim.model.outcome import BY_RANK, COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS, TIMEOUT
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 
@@ -156,6 +158,89 @@ def test_native_rows_are_synchronous_environments(name, options, start, actions,
     assert found >= outcomes
     native.close()
     plain.close()
+
+
+# Options, starts and further options of a reset: robots 1 and 2 arrive, robot 3 may leave.
+NEAR_CELLS = [[15, 19]], [[15, 20]], [[1, 0]]
+ON_ROAD = [[0.15, 0.15, 0.0]], [[0.15, 0.15, 0.0]], [[0.296, 0.15, 0.0]]
+AHEAD = {"targets": [[[0.1575, 0.15]], [[0.16, 0.15]], [[0.25, 0.15]]]}
+LIMITED = {
+    "SingleA": ({}, NEAR_CELLS, {}),
+    "SingleB": ({}, NEAR_CELLS, {}),
+    "CoSim": ({"decision": "period", "time_limit": 8.0}, NEAR_CELLS, {}),
+    "Drive": ({"time_limit": 0.6, "control_interval": 0.2}, ON_ROAD, AHEAD),
+}
+
+
+def limited(name, limit, **how) -> Any:
+    options = LIMITED[name][0]
+    make: Any = gym.make_vec
+    return make(f"MiniRobots/{name}-v0", num_envs=3, max_episode_steps=limit, **options, **how)
+
+
+@pytest.mark.parametrize(
+    ("name", "examples"), [("SingleA", 50), ("SingleB", 50), ("CoSim", 3), ("Drive", 6)]
+)
+def test_limits_cut_rows_as_gymnasium_cuts_single_environments(name, examples):
+    _, starts, more = LIMITED[name]
+
+    @settings(max_examples=examples)
+    @given(limit=st.integers(1, 5), seed=st.integers(0, 2**32))
+    def compare_both(limit, seed):
+        native, plain = limited(name, limit), limited(name, limit, vectorization_mode="sync")
+        compare(native.reset(seed=seed), plain.reset(seed=seed))
+        native.reset(options={"starts": starts, **more})
+        rows = [{key: value[k] for key, value in more.items()} for k in range(3)]
+        for k, env in enumerate(plain.unwrapped.envs):
+            env.reset(options={"starts": starts[k], **rows[k]})
+        rng = np.random.default_rng(seed)
+        for _ in range(2 * limit):
+            if name == "Drive":
+                actions = rng.uniform([0.5, -0.1], [1.0, 0.1], (3, 2)).astype(np.float32)
+            else:
+                actions = rng.choice([6, 6, 6, 5], 3)
+            compare(native.step(actions), plain.step(actions))
+        native.close()
+        plain.close()
+
+    compare_both()
+
+
+@pytest.mark.parametrize("mode", ["vector_entry_point", "sync"])
+def test_an_arrival_at_the_limit_is_a_success_that_is_cut(mode):
+    env = limited("SingleA", 1, vectorization_mode=mode)
+    env.reset(options={"starts": NEAR_CELLS if mode != "sync" else NEAR_CELLS[0]})
+    _, _, terminated, truncated, infos = env.step(np.array([6, 2, 2]))
+    assert (terminated[0], truncated[0], infos["outcome"][0]) == (True, True, SUCCESS)
+    others = slice(1, 3)
+    assert not terminated[others].any()
+    assert truncated[others].all()
+    assert set(infos["outcome"][others]) == {RUNNING}  # nothing but the limit ended it
+
+
+@pytest.mark.parametrize("cosim", [False, True])
+def test_limits_cut_groups_as_pettingzoo_s_cycles(cosim):
+    starts = [[15, 19], [5, 5]]
+    rows = RobotsVectorEnv(1, "2", cosim=cosim, ends="own", max_episode_steps=3)
+    decision = {"decision": "period"} if cosim else {}
+    env = envs.parallel_env("2", cosim=cosim, max_cycles=3, **decision)
+    rows.reset(seed=0)
+    env.reset(seed=0)
+    rows.reset(options={"starts": [starts]})
+    env.reset(options={"starts": starts})
+    for _ in range(3):
+        live = [*env.agents]
+        _, rewards, *ends, infos = env.step(dict.fromkeys(live, 6))
+        _, ours, *our_ends, our_infos = rows.step(np.array([6, 6]))
+        for k, agent in enumerate(env.possible_agents):
+            if agent in live:
+                assert ours[k] == rewards[agent]
+                assert [end[k] for end in our_ends] == [end[agent] for end in ends]
+                assert our_infos["outcome"][k] == infos[agent]["outcome"]
+    assert env.agents == []
+    assert our_ends[1][1]
+    rows.close()
+    env.close()
 
 
 @pytest.mark.parametrize(

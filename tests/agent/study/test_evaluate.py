@@ -157,6 +157,16 @@ def test_a_file_of_something_else_is_kept(case, tmp_path, content):
     assert (tmp_path / FILE).read_bytes() == content
 
 
+@pytest.mark.parametrize(
+    "tables", ["CREATE TABLE notes (text)", "CREATE TABLE episodes (digest, start)"]
+)
+def test_a_file_of_other_tables_is_named(case, tmp_path, tables):
+    with sqlite3.connect(tmp_path / FILE) as file:
+        file.execute(tables)
+    with pytest.raises(UserError, match=r"not a file of results .*no such .* move it away"):
+        EpisodeStore(tmp_path).results(case)
+
+
 @pytest.mark.parametrize("text", [b"\xff", b"[" * 100_000, b'{"outcome": 1e999}', b"3", 7])
 def test_a_damaged_row_is_reported(case, tmp_path, text):
     EpisodeStore(tmp_path).keep(Job(case, 0), RESULT)
