@@ -12,7 +12,6 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from agent.mdp.exact import cell_map, evaluate, some_starts
-from agent.mdp.interpretations import build_process
 from agent.mdp.optimum import require_paths_alone
 from agent.moves.model import MoveModel, build_model
 from agent.training.learning import (
@@ -90,7 +89,7 @@ def move_model(config: PolicyConfig) -> MoveModel | None:
 def learn(config: PolicyConfig, progress: Progress = silent) -> tuple[Policy, TrainingLog]:
     """Train from nothing to the last episode, without reading or writing any file."""
     numbers = config.learning
-    process, model = build_process(config.scenario, config.process), move_model(config)
+    process, model = config.build(), move_model(config)
     require_paths_alone(process)
     learning, rule = build_learning(numbers), find_method(config.method).update
     state = initial_state(process, numbers, config.seed.sequence())

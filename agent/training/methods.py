@@ -23,7 +23,7 @@ import numpy as np
 from agent.mdp import optimum
 from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import GreedyPolicy
-from agent.mdp.interpretations import Process, build_process
+from agent.mdp.interpretations import Process
 from agent.moves import group, pair
 from agent.moves.observe import cached_moves
 from agent.moves.times import fastest_tables
@@ -94,7 +94,7 @@ def _features(*first: Any, partner: bool) -> Settings:
 
 
 def _shortest(config: PolicyConfig) -> GreedyPolicy:
-    process = build_process(config.scenario, config.process)
+    process = config.build()
     return table_policy(config, *optimum.computed_tables(process))
 
 
@@ -102,7 +102,7 @@ def _fastest(config: PolicyConfig) -> GreedyPolicy:
     assert config.moves is not None
     if config.scenario.robots > 1:
         return PairPolicy.computed(config)
-    process = build_process(config.scenario, config.process)
+    process = config.build()
     return table_policy(config, *fastest_tables(process, config.moves))
 
 
@@ -181,7 +181,7 @@ def computed(**facts: Any) -> Callable[[Callable[[Process], np.ndarray]], Method
 
     def register(function: Callable[[Process], np.ndarray]) -> Method:
         def compute(config: PolicyConfig) -> GreedyPolicy:
-            values = function(build_process(config.scenario, config.process))
+            values = function(config.build())
             return table_policy(config, values, np.ones(values.shape[:2], dtype=bool))
 
         return _registered(function, compute=compute, **facts)
