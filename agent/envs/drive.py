@@ -126,6 +126,7 @@ class DriveBoards(DynamicsBoards):
     """
 
     _mutable = (*DynamicsBoards._mutable, "_rows")
+    _directed = False
 
     def __init__(
         self,
@@ -365,7 +366,16 @@ class DriveEnv(SingleEnv):
 
 
 def size_of_action(config: CoSimConfig, velocity: bool) -> int:
-    """Return how many numbers command a robot: velocity and yaw rate, or one for each motor."""
+    """Return how many numbers command a robot: velocity and yaw rate, or one for each motor.
+
+    Refuses velocities of a machine that cannot drive ahead and turn.
+    """
+    steering = config.steering
+    if velocity and min(steering.forward_speed_rad_s, steering.turn_speed_rad_s) <= 0.0:
+        raise ConfigError(
+            f"action = velocity needs a machine that can drive ahead and turn, which "
+            f"{config.preset} cannot; give action = motors, which commands the set point of each"
+        )
     return 2 if velocity else config.robot.motors_count
 
 

@@ -34,11 +34,10 @@ from agent.mdp.rng import seeded_state
 from cosim.base.errors import UserError
 from cosim.base.jit import inlined, kernel
 from cosim.model.outcome import BY_RANK, RUNNING, SUCCESS, TIMEOUT, Outcome
-from cosim.onboard.features import DIRECTION_COUNT
+from cosim.onboard.features import DIRECTION_COUNT, starting_facing
 from cosim.recording.series import PolicyMap
 
 MAX_STARTS = 10_000
-UP, DOWN = 2, 6  # directions
 
 
 class Evaluation(NamedTuple):
@@ -93,8 +92,8 @@ def _evaluate(
     for row in range(starts.shape[0]):
         place(process, world, starts[row])
         for i in range(n):
-            # assumed, as in the co-simulation: set down facing the middle; matters for ties only
-            facing[i] = UP if 2 * starts[row, i, 1] < rows else DOWN
+            # matters for ties only
+            facing[i] = starting_facing(starts[row, i, 1], rows, DIRECTION_COUNT)
         path_cells[row] = 0.0
         steps[row] = 0
         outcome = RUNNING
@@ -177,7 +176,8 @@ def evaluate_by(
 
     Args:
         starts: (K, N, 2) int64, out of contact.
-        decide: returns (N,) int64 directions, of the robots' cells x·rows + y and axes (N,) int64.
+        decide: returns (N,) int64 directions, of the robots' cells x·rows + y and what
+            they face (N,) int64.
     """
     _require_on_board(process, starts)
     found, rows = new_evaluation(starts), process.terrain.shape[2] - 2

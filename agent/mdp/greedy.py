@@ -27,7 +27,7 @@ from agent.mdp.grid import (
     nearest_other,
     state_index,
 )
-from agent.mdp.interpretations import Process, build_process
+from agent.mdp.interpretations import Process
 from agent.mdp.joint import IMPOSSIBLE
 from agent.mdp.rewards import reward_parts
 from cosim.base.errors import UserError
@@ -35,7 +35,7 @@ from cosim.base.jit import kernel
 from cosim.base.storage import json_text, require_suffix, write_arrays, write_json
 from cosim.coupling.rl_step import Decision, Step
 from cosim.model.scenario import Scenario
-from cosim.onboard.features import AXIS_COUNT, Observation
+from cosim.onboard.features import Observation, facing_of
 from cosim.recording.series import PolicyMap
 
 
@@ -54,7 +54,7 @@ def on_grid(process: Process, observation: Observation) -> tuple[np.ndarray, np.
         world[i, Y] = cells[i, 1]
         world[i, CLASS] = observation.distance_class[i]
         world[i, SIGN] = observation.gradient_sign[i]
-        world[i, AXIS] = observation.direction[i] % AXIS_COUNT
+        world[i, AXIS] = facing_of(observation.direction[i], process.facings)
     for i in range(len(cells)):
         _, world[i, BEARING], world[i, PARTNER] = nearest_other(process, world, i)
         states[i] = state_index(process, world, i)
@@ -97,7 +97,7 @@ class GreedyPolicy(ABC):
     @cached_property
     def process(self) -> Process:
         """The decision process that it was trained on."""
-        return build_process(self.config.scenario, self.config.process)
+        return self.config.build()
 
     @abstractmethod
     def q_values(self, observation: Observation) -> np.ndarray:

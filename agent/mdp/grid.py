@@ -11,7 +11,13 @@ from agent.mdp.interpretations import FREE, GOAL, OUTSIDE, Process
 from agent.mdp.rng import PROBABILITY_SHIFT, next_index, next_word
 from cosim.base.jit import inlined
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
-from cosim.onboard.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
+from cosim.onboard.features import (
+    DIRECTIONS,
+    distance_class,
+    facing_of,
+    gradient_sign,
+    starting_facing,
+)
 
 # Columns of a world.
 X, Y = 0, 1  # cell
@@ -21,12 +27,10 @@ SQUARED = 5  # squared distance to the nearest other robot in cells², ALONE if 
 CLASS = 6  # Eq. (9)
 SIGN = 7  # Eq. (10)
 BEARING = 8  # direction of the nearest other robot, index into DIRECTIONS; 0 if there is none
-AXIS = 9  # axis that the robot faces: the direction of its last move, modulo half a turn
+AXIS = 9  # what the robot faces, by `facing_of`: the paper's axis of the direction of its last move
 PARTNER = 10  # cell x·rows + y of the nearest other robot; 0 if there is none
 COLUMN_COUNT = 11
 FEATURE_COLUMNS = {"x": X, "y": Y, "d": CLASS, "g": SIGN, "b": BEARING, "h": AXIS, "p": PARTNER}
-
-STARTING_AXIS = 2  # assumed, as in the co-simulation: set down facing the middle row
 
 MOVING, ARRIVED, LEFT, HIT = 0, 1, 2, 3  # status of a robot
 
@@ -74,14 +78,14 @@ def _observe_nearest(process: Process, world: np.ndarray, i: int) -> None:
 @inlined
 def place(process: Process, world: np.ndarray, cells: np.ndarray) -> bool:
     """Put the robots on their start cells, (N, 2) int64; False if two of them touch."""
-    n = len(process.start_offsets) - 1
+    n, rows = len(process.start_offsets) - 1, process.terrain.shape[2] - 2
     for i in range(n):
         world[i, X] = cells[i, 0]
         world[i, Y] = cells[i, 1]
         world[i, VX] = 0
         world[i, VY] = 0
         world[i, STATUS] = MOVING
-        world[i, AXIS] = STARTING_AXIS
+        world[i, AXIS] = starting_facing(cells[i, 1], rows, process.facings)
     free = True
     for i in range(n):
         _observe_nearest(process, world, i)
@@ -165,7 +169,7 @@ def move(process: Process, world: np.ndarray, actions: np.ndarray, rewards: np.n
             world[i, VY] = DIRECTIONS[actions[i], 1]
             world[i, X] += world[i, VX]
             world[i, Y] += world[i, VY]
-            world[i, AXIS] = actions[i] % AXIS_COUNT
+            world[i, AXIS] = facing_of(actions[i], process.facings)
         else:
             world[i, VX] = 0
             world[i, VY] = 0

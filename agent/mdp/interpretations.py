@@ -63,10 +63,14 @@ class Process(NamedTuple):
     step_limit: int  # moves after which an episode is cut
     partner_update: int  # index into `PARTNER_UPDATES`
     reward_per: int  # index into `REWARDS_PER`
+    facings: int  # values of h, see `SteeringParams.facings`
 
 
-def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
-    """Tables of the decision process of a scenario under the given interpretations."""
+def build_process(scenario: Scenario, config: ProcessConfig, facings: int = AXIS_COUNT) -> Process:
+    """Tables of the decision process of a scenario under the given interpretations.
+
+    `facings` is that of the machine, see `SteeringParams.facings`.
+    """
     thresholds = distance_thresholds(scenario)
     terrain = np.stack(
         [
@@ -94,7 +98,7 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
         )
     strides: dict[str, int] = dict.fromkeys(FEATURES, 0)  # 0 of a feature that is not used
     state_count = 1
-    for feature, size in reversed(feature_sizes(scenario, config).items()):
+    for feature, size in reversed(feature_sizes(scenario, config, facings).items()):
         strides[feature] = state_count
         state_count *= size
     if scenario.robots * state_count > MAX_STATES:
@@ -126,6 +130,7 @@ def build_process(scenario: Scenario, config: ProcessConfig) -> Process:
         step_limit=config.step_limit,
         partner_update=PARTNER_UPDATES.index(config.partner_of_failed),
         reward_per=REWARDS_PER.index(config.reward_per),
+        facings=facings,
     )
 
 
@@ -192,7 +197,9 @@ def _move_reward(scenario: Scenario, config: ProcessConfig) -> np.ndarray:
     return reward.astype(np.float32)
 
 
-def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
+def feature_sizes(
+    scenario: Scenario, config: ProcessConfig, facings: int = AXIS_COUNT
+) -> dict[str, int]:
     """Number of values of each feature in use, in the order of the state index.
 
     A lone robot has x, y and h only.
@@ -203,7 +210,7 @@ def feature_sizes(scenario: Scenario, config: ProcessConfig) -> dict[str, int]:
         "d": len(DISTANCE_CLASSES),
         "g": len(GRADIENT_SIGNS),
         "b": DIRECTION_COUNT,
-        "h": AXIS_COUNT,
+        "h": facings,
         "p": scenario.columns * scenario.rows,
     }
     seen = {"x", "y", "h"} if scenario.robots == 1 else set(sizes)

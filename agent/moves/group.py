@@ -1,11 +1,12 @@
 """Plans of a group of robots in space and time, on mean times of observed moves.
 
 Robots plan one after the other (prioritised planning): each takes the path of least time that keeps
-clear of the moves of those before it, found by A* over cell, axis and time. Robots that need least
-time plan first, because others have to go round where they park; one without a path goes first,
-and all plan again. Nothing is kept between two decisions: robots under way end the move that they
-have begun, and all others plan again, so that what moves really took is known. Moves last longer or
-shorter than their mean, so that robots stay clear of a move for some seconds before and after it.
+clear of the moves of those before it, found by A* over cell, facing and time. Robots that need
+least time plan first, because others have to go round where they park; one without a path goes
+first, and all plan again. Nothing is kept between two decisions: robots under way end the move that
+they have begun, and all others plan again, so that what moves really took is known. Moves last
+longer or shorter than their mean, so that robots stay clear of a move for some seconds before and
+after it.
 Robots cannot wait: one that has to drives back and forth.
 """
 
@@ -18,9 +19,9 @@ import numpy as np
 from agent.mdp.interpretations import Process
 from agent.mdp.joint import BLOCKED, iterate_alone
 from agent.moves.model import ObservedMoves
-from agent.moves.times import Board, axis_towards, board_of, squared_distance
+from agent.moves.times import Board, board_of, direction_towards, squared_distance
 from cosim.base.jit import inlined, kernel
-from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
+from cosim.onboard.features import DIRECTION_COUNT, facing_of
 
 VERSION = 2  # of plans: raise it when their bits change
 
@@ -45,10 +46,10 @@ class Group(NamedTuple):
     """Board and times that a group plans by."""
 
     board: Board
-    # (N, 2^N, cells, AXIS_COUNT) float32, least time in s of each robot among others that have
-    # parked, by a bit for each of those, by its cell and axis
+    # (N, 2^N, cells, facings) float32, least time in s of each robot among others that have
+    # parked, by a bit for each of those, by its cell and what it faces
     around: np.ndarray
-    slice_s: float  # length of a slice of time, in which a cell is reached with an axis but once
+    slice_s: float  # length of a slice of time, in which a cell is reached with a facing but once
 
 
 @inlined
@@ -164,12 +165,12 @@ def _search(
 
     Args:
         plans, counts, since: see `_is_clear`; updated.
-        axis, begin: axis that robot k faces from `begin` on, which is in s.
+        axis, begin: what robot k faces from `begin` on, which is in s.
         parked: bits of the robots with targets that it drives around.
-        reached: (cells, AXIS_COUNT, _SLICES) int16, working memory: the last search that has
-            reached a cell with an axis in a slice of time.
+        reached: (cells, facings, _SLICES) int16, working memory: the last search that has
+            reached a cell with a facing in a slice of time.
         stamp: of this search.
-        nodes: (_MOST_NODES, 3) int32, working memory: cell, axis, and node before.
+        nodes: (_MOST_NODES, 3) int32, working memory: cell, facing, and node before.
         clock: (_MOST_NODES,) float64, working memory: time of each node in s.
 
     Returns:
@@ -189,7 +190,7 @@ def _search(
             _index(plans, counts, since, k, group.slice_s)
             return end
         for a in range(DIRECTION_COUNT):
-            q, next_axis = group.board.after[k, p, a], a % AXIS_COUNT
+            q, next_axis = group.board.after[k, p, a], facing_of(a, around.shape[1])
             then = now + group.board.seconds[a, facing]
             piece = int(then / group.slice_s)
             if q == BLOCKED or piece >= _SLICES or reached[q, next_axis, piece] == stamp:
@@ -248,12 +249,12 @@ def plan(
     Args:
         cells: (N,) int64, cell of each robot.
         goals: (N,) int64, cell that each robot drives to; its own if it waits.
-        axes: (N,) int64, axis that each robot faces.
+        axes: (N,) int64, what each robot faces.
         actions: (N,) int64, first direction of each robot that waits, −1 of the others; updated.
         ends: (N,) float64, time in s until each robot is at its target by its plan, inf where there
             is none; updated.
     """
-    n = len(cells)
+    n, facings = len(cells), group.board.seconds.shape[1]
     plans, counts = np.empty((n, _MOST_MOVES, 4)), np.ones(n, dtype=np.int64)
     since = np.empty((n, _SLICES), dtype=np.int64)
     begins, facing, left = np.zeros(n), axes.copy(), np.zeros(n)
@@ -262,15 +263,16 @@ def plan(
         plans[i, 0, BEGIN], plans[i, 0, END] = -math.inf, _EARLIER_S
         plans[i, 0, FROM], plans[i, 0, TO] = cells[i], goals[i]
         if goals[i] != cells[i]:
-            facing[i] = axis_towards(cells[i], goals[i], group.board.at)
-            begins[i] = _LEFT * group.board.seconds[facing[i], axes[i]]
+            direction = direction_towards(cells[i], goals[i], group.board.at)
+            facing[i] = facing_of(direction, facings)
+            begins[i] = _LEFT * group.board.seconds[direction, axes[i]]
             plans[i, 0, END] = begins[i]
         if goals[i] == group.board.targets[i]:
             plans[i, 0, END] = math.inf
             at_targets |= 1 << i
         left[i] = begins[i] + group.around[i, 0, goals[i], facing[i]]
     order = np.argsort(left)
-    reached = np.zeros((len(group.board.at), AXIS_COUNT, _SLICES), dtype=np.int16)
+    reached = np.zeros((len(group.board.at), facings, _SLICES), dtype=np.int16)
     nodes, clock = np.empty((_MOST_NODES, 3), dtype=np.int32), np.empty(_MOST_NODES)
     stamp, plans_made, best, own_ends = 0, 0, math.inf, np.empty(n)
     for turn in range(_ROUNDS + 1):
@@ -354,7 +356,7 @@ def group_of(process: Process, moves: ObservedMoves) -> Group:
     """
     board = board_of(process, moves)
     n, cells = board.after.shape[:2]
-    around = np.full((n, 1 << n, cells, AXIS_COUNT), np.inf, dtype=np.float32)
+    around = np.full((n, 1 << n, cells, moves.facings), np.inf, dtype=np.float32)
     after = np.empty((cells, DIRECTION_COUNT), dtype=np.int64)
     for k in range(n):
         for parked in range(1 << n):

@@ -37,7 +37,7 @@ from agent.moves.model import MoveModel, move_kind
 from cosim.base.jit import inlined
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING, SUCCESS
 from cosim.model.params import TIMING
-from cosim.onboard.features import AXIS_COUNT, DIRECTIONS, distance_class, gradient_sign
+from cosim.onboard.features import DIRECTIONS, distance_class, facing_of, gradient_sign
 from cosim.physics.collision import touches_obstacle
 
 # Columns of a robot's plan and how far it is along it, float64.
@@ -95,7 +95,7 @@ def begin_move(
     if terrain not in (FREE, GOAL):
         world[i, STATUS] = LEFT if terrain == OUTSIDE else HIT
         return OUT_OF_BOARD if terrain == OUTSIDE else COLLISION
-    kind = move_kind(direction, world[i, AXIS])
+    kind = move_kind(direction, world[i, AXIS], process.facings)
     offsets = model.offsets[int(plans[i, WORLD])]
     row = offsets[kind] + next_index(random, offsets[kind + 1] - offsets[kind])
     drift_x, drift_y = model.moves[row, 2], model.moves[row, 3]
@@ -110,7 +110,7 @@ def begin_move(
     plans[i, TURN_S] = model.moves[row, 0]
     plans[i, DURATION_S] = model.moves[row, 1]
     plans[i, ELAPSED_S] = 0.0
-    world[i, AXIS] = direction % AXIS_COUNT
+    world[i, AXIS] = facing_of(direction, process.facings)
     world[i, SQUARED] = nearest_other(process, world, i)[0]
     return RUNNING
 

@@ -18,14 +18,12 @@ from cosim.base.errors import UserError
 from cosim.base.jit import inlined
 from cosim.base.reading import Kind, parsing, read_json
 from cosim.base.storage import write_whole
-from cosim.model.params import TIMING
+from cosim.model.params import TIMING, Facings
 from cosim.model.scenario import Scenario
-from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT
+from cosim.onboard.features import DIRECTION_COUNT, facing_of
 
 SCHEMA_VERSION = 1
 NO_DIRECTION = -1  # before the first move
-
-KINDS = 2 * AXIS_COUNT  # straight or diagonal, and the turn before it
 
 
 class Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -56,6 +54,16 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rl_step_s: float = TIMING.rl_step_s
     through: bool = False  # whether robots drove on at the end of a move until they were asked
     cell_m: float = Scenario.cell_m  # edge of a cell, the unit of lengths
+    facings: Facings = 4  # of the machine, see `SteeringParams.facings`
+
+    @property
+    def kinds(self) -> int:
+        """Number of kinds of moves: straight or diagonal, and the turn before it."""
+        return 2 * self.facings
+
+    def kind_of(self, move: Move) -> int:
+        """Return the kind of a move."""
+        return move_kind(move.direction, move.heading, self.facings)
 
     def save(self, path: Path) -> None:
         """Write as JSON, whole or not at all."""
@@ -83,13 +91,13 @@ class MoveModel(NamedTuple):
     """Observed moves for the kernels, sorted by world and kind.
 
     The floor is the same in all directions: a move is turned to the first quadrant, so that its
-    kind is whether it is diagonal, and the angle between the robot's axis and its direction.
+    kind is whether it is diagonal, and the angle between what the robot faces and its direction.
     """
 
     # (M, 6) float64, time of the turn and of the whole move in s, the path during the turn, and
     # where the robot stopped, from the centre of the cell aimed at, in cells
     moves: np.ndarray
-    # (worlds, KINDS + 1) int64, moves of kind k in world w are rows offsets[w, k] to [w, k + 1]
+    # (worlds, kinds + 1) int64, moves of kind k in world w are rows offsets[w, k] to [w, k + 1]
     offsets: np.ndarray
     rl_step_s: float
     most_steps: int  # that pass at once where no robot is asked: those of 2 s
@@ -98,9 +106,12 @@ class MoveModel(NamedTuple):
 
 
 @inlined
-def move_kind(direction: int, axis: int) -> int:
-    """Kind of a move: diagonal or not, and the turn from the direction to the robot's axis."""
-    return direction % 2 * AXIS_COUNT + (axis - direction) % AXIS_COUNT
+def move_kind(direction: int, facing: int, facings: int) -> int:
+    """Kind of a move: diagonal or not, and the turn from the direction to what the robot faces.
+
+    `facings` is that of the machine, see `SteeringParams.facings`.
+    """
+    return direction % 2 * facings + facing_of(facing - direction, facings)
 
 
 def _turned_back(x: float, y: float, quadrants: int) -> tuple[float, float]:
@@ -131,21 +142,21 @@ def build_model(moves: ObservedMoves, contact_cells: float) -> MoveModel:
     )
     walks = moves.walks or (len(moves.moves),)
     worlds = np.repeat(np.arange(len(walks)), walks)
-    rows: list[list[tuple[float, ...]]] = [[] for _ in range(len(walks) * KINDS)]
+    rows: list[list[tuple[float, ...]]] = [[] for _ in range(len(walks) * moves.kinds)]
     for world, move in zip(worlds.tolist(), moves.moves, strict=True):
         quadrants = move.direction // 2
         drift = _turned_back(move.drift_x, move.drift_y, quadrants)
         stop = _turned_back(move.stop_x, move.stop_y, quadrants)
-        kind = move_kind(move.direction, move.heading)
-        rows[world * KINDS + kind].append((move.turn_s, move.duration_s, *drift, *stop))
+        kind = world * moves.kinds + moves.kind_of(move)
+        rows[kind].append((move.turn_s, move.duration_s, *drift, *stop))
     if not all(rows):
-        missing = [bool(of_kind) for of_kind in rows].index(False) % KINDS
-        raise UserError(f"there is no move of kind {missing} of {KINDS}; observe more moves")
+        missing = [bool(of_kind) for of_kind in rows].index(False) % moves.kinds
+        raise UserError(f"there is no move of kind {missing} of {moves.kinds}; observe more moves")
     most_steps = max(1, round(TIMING.rl_step_s / moves.rl_step_s))
     ends = np.cumsum([0, *(len(of_kind) for of_kind in rows)])
     return MoveModel(
         np.array([row for of_kind in rows for row in of_kind]),
-        ends[np.arange(len(walks))[:, None] * KINDS + np.arange(KINDS + 1)],
+        ends[np.arange(len(walks))[:, None] * moves.kinds + np.arange(moves.kinds + 1)],
         moves.rl_step_s,
         most_steps,
         contact_cells**2,

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from agent.moves.model import KINDS, NO_DIRECTION, Move, ObservedMoves, move_kind
+from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, move_kind
 from agent.moves.worlds import WorldRange, draw_world
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
@@ -24,12 +24,12 @@ from cosim.base.storage import cache_dir, cached
 from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
-from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, DIRECTIONS, Observation
+from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS, Observation
 from cosim.onboard.steering import DRIVE, HOLD, PAST
 from cosim.simulation.batch import Batch
 from fmus.build import identity_of_fmu
 
-VERSION = 2  # of observed moves: raise it when their bits change
+VERSION = 3  # of observed moves: raise it when their bits change
 
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
 # Each has a world of its own where worlds are drawn.
@@ -43,11 +43,14 @@ _MARGIN_CELLS = 30  # a walk stays this far from the edge: no edge is in a move'
 class _Walker:
     """Chooses directions so that all kinds of moves become equally frequent, and books moves."""
 
-    def __init__(self, rng: np.random.Generator, target: int, cell_m: float) -> None:
+    def __init__(
+        self, rng: np.random.Generator, target: int, cell_m: float, config: CoSimConfig
+    ) -> None:
         self._rng = rng
         self._target = target
         self._cell_m = cell_m
-        self._seen = np.zeros(KINDS, dtype=int)
+        self._config, self._facings = config, config.steering.facings
+        self._seen = np.zeros(2 * self._facings, dtype=int)
         self._previous = NO_DIRECTION
         self._begun: tuple[int, int, np.ndarray] | None = None  # direction, heading, cell
         self._turn_s = math.nan
@@ -62,18 +65,18 @@ class _Walker:
     def choose(self, seen: Observation) -> np.ndarray:
         """(1,) direction of a kind seen least so far, away from the edge."""
         cell, heading = seen.cells[0], int(seen.direction[0])
-        kinds = np.array([move_kind(d, heading) for d in range(DIRECTION_COUNT)])
+        kinds = np.array([move_kind(d, heading, self._facings) for d in range(DIRECTION_COUNT)])
         after = cell + DIRECTIONS
         inside = ((after >= _MARGIN_CELLS) & (after < _SIDE_CELLS - _MARGIN_CELLS)).all(axis=1)
         known = np.where(inside, self._seen[kinds], np.iinfo(int).max)
         return self._rng.choice(np.flatnonzero(known == known.min()), size=1)
 
-    def follow_step(self, step: Step, config: CoSimConfig) -> None:
+    def follow_step(self, step: Step) -> None:
         """Follow one RL step, and note the move that ends in it."""
-        period_s = config.timing.control_period_s
+        period_s = self._config.timing.control_period_s
         if step.decided[0]:
-            if self._begun is not None:  # asked again before the end of the line
-                self._end(step.before.cells[0], self._elapsed_s, np.zeros(2))
+            if self._begun is not None:
+                raise UserError(self._endless())
             heading = int(step.before.direction[0])
             self._begun = int(step.action[0]), heading, step.before.cells[0]
             self._turn_s, self._elapsed_s = math.nan, 0.0
@@ -101,9 +104,22 @@ class _Walker:
         measured = turn_s, duration_s, *drift.tolist(), *stop.tolist()
         rounded = (round(value, 6) for value in measured)
         self.moves.append(Move(direction, heading, self._previous, columns, rows, *rounded))
-        self._seen[move_kind(direction, heading)] += 1
+        self._seen[move_kind(direction, heading, self._facings)] += 1
         self._previous = direction
         self._begun = None
+
+    def _endless(self) -> str:
+        """Return the message on a move that was given up."""
+        config, drove = self._config, not math.isnan(self._turn_s)
+        limit_s, steering = config.move_limit_s(self._cell_m), config.steering
+        return (
+            f"a move of machine {config.preset} does not end: with mu = {config.robot.mu:g} on "
+            f"cells of {1e3 * self._cell_m:g} mm it "
+            f"{'drove' if drove else 'turned'} for {limit_s:.3g} s, several times what it needs at "
+            f"{1e3 * steering.drive_speed_m_s:.3g} mm/s and "
+            f"{math.degrees(steering.turn_rate_rad_s):.3g} °/s; change the floor, the motors or "
+            "the machine, or make cells smaller"
+        )
 
 
 def source_digest(config: CoSimConfig, fmu: Path, worlds: WorldRange | None = None) -> str:
@@ -125,7 +141,7 @@ def observe_moves(
     """Observe moves in co-simulation.
 
     Args:
-        moves_per_kind: least number of moves of each of the KINDS kinds.
+        moves_per_kind: least number of moves of each kind, see `ObservedMoves.kinds`.
         seed: of directions, speed noise and worlds.
         worlds: from which every walk draws its own; by default all have the configuration's.
         jobs: threads; the result does not depend on it.
@@ -141,6 +157,7 @@ def observe_moves(
         cell_m=cell_m,
         robot_diameter_m=config.robot.diameter_m,
     )
+    kinds = 2 * config.steering.facings
     walks = WALKS if worlds is None else WALKS_OF_WORLDS
     target = math.ceil(moves_per_kind / walks)
     done = [0] * walks
@@ -154,11 +171,12 @@ def observe_moves(
                 key = np.random.SeedSequence(seed, spawn_key=(number,))
                 directions, noise, world = key.spawn(3)
                 rng = np.random.default_rng(directions)
-                walkers.append(_Walker(rng, target, cell_m))
                 own = driving
                 if worlds is not None:
-                    rng = np.random.default_rng(world)
-                    own = driving.in_world(draw_world(worlds, _SIDE_CELLS, _PATCHES_CELLS, rng))
+                    of_world = np.random.default_rng(world)
+                    drawn = draw_world(worlds, _SIDE_CELLS, _PATCHES_CELLS, of_world)
+                    own = driving.in_world(drawn)
+                walkers.append(_Walker(rng, target, cell_m, own))
                 batch.begin(place, scenario, ((middle, middle),), noise, own)
             while going_on := batch.going_on():
                 steps = batch.advance(
@@ -167,11 +185,11 @@ def observe_moves(
                 for place, step in steps.items():
                     if step.outcome == "out_of_board":
                         raise UserError("the robot strays from its line; check the parameters")
-                    walkers[place].follow_step(step, config)
+                    walkers[place].follow_step(step)
                     done[numbers[place]] = len(walkers[place].moves)
                     if walkers[place].done:
                         batch.stop(place)
-                total = KINDS * target * walks
+                total = kinds * target * walks
                 progress("observing moves", min(sum(done), total), total)
         return [walker.moves for walker in walkers]
 
@@ -187,6 +205,7 @@ def observe_moves(
         config.timing.rl_step_s,
         config.through,
         cell_m,
+        config.steering.facings,
     )
 
 
@@ -228,15 +247,16 @@ def facts_of(moves: ObservedMoves) -> dict[str, Any]:
 def move_rows(moves: ObservedMoves) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Header and rows of a table of the kinds of moves."""
     rows, cell_mm = [], 1e3 * moves.cell_m
-    for kind in range(KINDS):
-        seen = [m for m in moves.moves if move_kind(m.direction, m.heading) == kind]
-        turn = 45 * ((-kind % AXIS_COUNT + 1) % AXIS_COUNT - 1)
+    facings = moves.facings
+    for kind in range(moves.kinds):
+        seen = [m for m in moves.moves if moves.kind_of(m) == kind]
+        turn = 45 * ((-kind % facings + facings // 2 - 1) % facings - facings // 2 + 1)
         durations = np.array([m.duration_s for m in seen])
         drift = np.array([math.hypot(m.drift_x, m.drift_y) for m in seen]) * cell_mm
         off = np.array([math.hypot(m.stop_x, m.stop_y) for m in seen]) * cell_mm
         rows.append(
             (
-                f"{'diagonal' if kind >= AXIS_COUNT else 'straight'} after {turn:+d} deg",
+                f"{'diagonal' if kind >= facings else 'straight'} after {turn:+d} deg",
                 str(len(seen)),
                 f"{np.mean([m.turn_s for m in seen]):.2f}",
                 f"{durations.mean():.2f} ± {durations.std():.2f}",

@@ -1,7 +1,7 @@
 """The least time of two robots together on observed moves: computed, and the moves that take it.
 
-The state is each robot's cell and the axis that it faces. What a joint move costs is the mean times
-of both robots' moves; value iteration over all states gives the least sum of both robots' times.
+The state is each robot's cell and what it faces. What a joint move costs is the mean times of both
+robots' moves; value iteration over all states gives the least sum of both robots' times.
 Robots end their moves at different moments, which the states leave out: joint moves keep a gap
 (`agent.moves.times.GAP_M`), from one pair of cells to the next and on the way, to leave room for
 it. If targets are nearer to each other, robots park one after the other. Values are kept as a delay
@@ -16,9 +16,9 @@ import numpy as np
 from agent.mdp.interpretations import Process
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE, choices, joint_states
 from agent.moves.model import ObservedMoves
-from agent.moves.times import Board, axis_towards, board_of, least_times, squared_distance
+from agent.moves.times import Board, board_of, direction_towards, least_times, squared_distance
 from cosim.base.jit import inlined, kernel
-from cosim.onboard.features import AXIS_COUNT
+from cosim.onboard.features import facing_of
 
 VERSION = 2  # of fastest paths, of one robot too: raise it when their bits change
 
@@ -31,8 +31,8 @@ class PairTimes(NamedTuple):
     """Times by which two robots choose their moves."""
 
     board: Board
-    alone: np.ndarray  # (2, cells, AXIS_COUNT) float64, least time in s of each robot as if alone
-    # (cells, AXIS_COUNT, cells, AXIS_COUNT) uint16, by cell and axis of the first robot and of the
+    alone: np.ndarray  # (2, cells, facings) float64, least time in s of each robot as if alone
+    # (cells, facings, cells, facings) uint16, by cell and facing of the first robot and of the
     # second: least time of both together over the sum of `alone`, in `GRAIN_S`, or `UNREACHABLE`
     delay: np.ndarray
 
@@ -73,11 +73,11 @@ def _sweep(board: Board, order: np.ndarray, free: np.ndarray, value: np.ndarray)
     Args:
         order: (2, cells) int64, cells of each robot by its time alone, the nearest first.
         free: (cells, cells) bool, cells in which robots may be and continue.
-        value: (cells, AXIS_COUNT, cells, AXIS_COUNT) float32 in s; updated.
+        value: (cells, facings, cells, facings) float32 in s; updated.
     """
     after, seconds = board.after, board.seconds
-    cells, changed = after.shape[1], 0.0
-    best, new = np.empty(AXIS_COUNT), np.empty((AXIS_COUNT, AXIS_COUNT))
+    cells, facings, changed = after.shape[1], seconds.shape[1], 0.0
+    best, new = np.empty(facings), np.empty((facings, facings))
     for state in range(cells * cells):
         p, q = order[0, state // cells], order[1, state % cells]
         if not free[p, q]:
@@ -93,18 +93,18 @@ def _sweep(board: Board, order: np.ndarray, free: np.ndarray, value: np.ndarray)
                 q_after = after[1, q, b]
                 if q_after == BLOCKED or not _keeps_apart(board, p, q, p_after, q_after):
                     continue
-                rest = value[p_after, a % AXIS_COUNT, q_after, b % AXIS_COUNT]
+                rest = value[p_after, facing_of(a, facings), q_after, facing_of(b, facings)]
                 if rest == np.inf:
                     continue
-                for axis in range(AXIS_COUNT):
+                for axis in range(facings):
                     time = rest + (0.0 if q_choices == 1 else seconds[b, axis])
                     best[axis] = min(best[axis], time)
-            for axis in range(AXIS_COUNT):
+            for axis in range(facings):
                 own = 0.0 if p_choices == 1 else seconds[a, axis]
-                for other in range(AXIS_COUNT):
+                for other in range(facings):
                     new[axis, other] = min(new[axis, other], own + best[other])
-        for axis in range(AXIS_COUNT):
-            for other in range(AXIS_COUNT):
+        for axis in range(facings):
+            for other in range(facings):
                 was = value[p, axis, q, other]
                 now = np.float32(new[axis, other])
                 if now != was:
@@ -117,7 +117,7 @@ def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
     """Return the least times of two robots together on moves of one world, from all cells."""
     board, alone = board_of(process, moves), least_times(process, moves)
     free, end = joint_states(process)
-    value = np.full((len(board.at), AXIS_COUNT) * 2, np.inf, dtype=np.float32)
+    value = np.full((len(board.at), moves.facings) * 2, np.inf, dtype=np.float32)
     value[np.argwhere(end)[:, 0], :, np.argwhere(end)[:, 1]] = 0.0
     order = alone.min(axis=2).argsort(axis=1, kind="stable")
     while _sweep(board, order, free, value) > _SETTLED_S:
@@ -144,12 +144,12 @@ def pair_values(
     Args:
         cells: (2,) int64, cell of each robot.
         goals: (2,) int64, cell that each robot drives to; its own if it waits.
-        axes: (2,) int64, axis that each robot faces.
+        axes: (2,) int64, what each robot faces.
         values: (2, 8) float32, minus the time in s of both robots; updated.
     """
     board = times.board
     at, after, seconds = board.at, board.after, board.seconds
-    p, q = cells[0], cells[1]
+    p, q, facings = cells[0], cells[1], seconds.shape[1]
     values[:] = IMPOSSIBLE
     p_driven, q_driven = goals[0] != p, goals[1] != q
     p_choices = 1 if p_driven else choices(after, 0, p)
@@ -160,7 +160,7 @@ def pair_values(
         p_after = goals[0] if p_driven else after[0, p, a]
         if p_after == BLOCKED:
             continue
-        p_axis = axis_towards(p, p_after, at) if p_driven else a % AXIS_COUNT
+        p_axis = facing_of(direction_towards(p, p_after, at) if p_driven else a, facings)
         for b in range(q_choices):
             q_after = goals[1] if q_driven else after[1, q, b]
             if q_after == BLOCKED:
@@ -175,7 +175,7 @@ def pair_values(
                 values[0, a] = max(values[0, a], near)
                 values[1, b] = max(values[1, b], near)
                 continue
-            q_axis = axis_towards(q, q_after, at) if q_driven else b % AXIS_COUNT
+            q_axis = facing_of(direction_towards(q, q_after, at) if q_driven else b, facings)
             delay = times.delay[p_after, p_axis, q_after, q_axis]
             if delay == UNREACHABLE:
                 continue

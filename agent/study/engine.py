@@ -22,7 +22,7 @@ from cosim.base.progress import Progress, silent
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
-from cosim.simulation.driving import options_for
+from cosim.simulation.driving import drives, options_for
 from cosim.simulation.options import options_of, resolve
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import compile_kernels
@@ -141,6 +141,7 @@ def lines_of(
             progress,
             world=world,
             require=lambda own, p=policy, name=name: p.require_scenario(own, f"{name}: the policy"),
+            directed=not drives(policy),
         )
         case = Case(policy, setup.config, setup.fmu, seed)
         starts = len(case.starts)

@@ -12,7 +12,6 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from agent.mdp.exact import cell_map, evaluate, some_starts
-from agent.mdp.interpretations import build_process
 from agent.mdp.optimum import require_paths_alone
 from agent.moves.model import MoveModel, build_model
 from agent.training.learning import (
@@ -97,7 +96,7 @@ def learn(
         method: by default the one that has the name in the configuration.
     """
     numbers, method = config.learning, method or find_method(config.method)
-    process, model = build_process(config.scenario, config.process), move_model(config)
+    process, model = config.build(), move_model(config)
     require_paths_alone(process)
     learning, rule, tables = build_learning(numbers), None, None
     if method.update is not None:

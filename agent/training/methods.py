@@ -25,7 +25,7 @@ from msgspec import Meta
 from agent.mdp import optimum
 from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import GreedyPolicy
-from agent.mdp.interpretations import Process, build_process
+from agent.mdp.interpretations import Process
 from agent.moves import group, pair
 from agent.moves.observe import cached_moves
 from agent.moves.times import fastest_tables
@@ -111,7 +111,7 @@ def _features(*first: Any, partner: bool) -> Settings:
 
 
 def _shortest(config: PolicyConfig) -> GreedyPolicy:
-    process = build_process(config.scenario, config.process)
+    process = config.build()
     return table_policy(config, *optimum.computed_tables(process))
 
 
@@ -119,7 +119,7 @@ def _fastest(config: PolicyConfig) -> GreedyPolicy:
     assert config.moves is not None
     if config.scenario.robots > 1:
         return PairPolicy.computed(config)
-    process = build_process(config.scenario, config.process)
+    process = config.build()
     return table_policy(config, *fastest_tables(process, config.moves))
 
 
@@ -203,7 +203,7 @@ def computed(**facts: Any) -> Callable[[Callable[[Process], np.ndarray]], Method
 
 def _computed(function: Callable[[Process], np.ndarray], config: PolicyConfig) -> GreedyPolicy:
     """Return the policy of a user's action values; they must be finite float32."""
-    process, name = build_process(config.scenario, config.process), config.method
+    process, name = config.build(), config.method
     given = _asked(f"method {name}", function, process)
     shape = (config.scenario.robots, process.state_count, DIRECTION_COUNT)
     values = numbers(given, shape)

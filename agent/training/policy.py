@@ -18,14 +18,13 @@ import numpy as np
 from agent.mdp.config import ProcessConfig, refuse_without_effect
 from agent.mdp.exact import MAX_STARTS, Evaluation, cell_map, evaluate, evaluate_by, some_starts
 from agent.mdp.greedy import GreedyPolicy, greedy, on_grid
-from agent.mdp.grid import STARTING_AXIS
-from agent.mdp.interpretations import build_process
+from agent.mdp.interpretations import Process, build_process
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE
 from agent.mdp.optimum import require_paths
 from agent.moves.group import MOST_CELLS, MOST_TIMES, Group, group_of, plan
 from agent.moves.model import ObservedMoves
 from agent.moves.pair import UNREACHABLE, PairTimes, pair_values, solve_pair
-from agent.moves.times import Board, board_of, least_times, numbered
+from agent.moves.times import Board, at_start, board_of, least_times, numbered
 from agent.training.learning import VERSION
 from agent.training.settings import LearningConfig, MethodName
 from cosim.base.errors import FileError, UserError
@@ -33,7 +32,7 @@ from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, parsing, read_arrays
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
-from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation
+from cosim.onboard.features import AXIS_COUNT, DIRECTION_COUNT, Observation, facing_of
 from cosim.recording.series import PolicyMap
 
 SCHEMA_VERSION = 1
@@ -92,6 +91,15 @@ class PolicyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 "process: reward_per = time has no effect on moves with an RL step of "
                 f"{TIMING.rl_step_s:g} s, where both are the same; leave it at step"
             )
+
+    @property
+    def facings(self) -> int:
+        """What robots distinguish of their headings, see `SteeringParams.facings`."""
+        return AXIS_COUNT if self.moves is None else self.moves.facings
+
+    def build(self) -> Process:
+        """Return the decision process that this is a policy of."""
+        return build_process(self.scenario, self.process, self.facings)
 
 
 @dataclass(frozen=True, repr=False)
@@ -180,7 +188,8 @@ class _OnTimes(GreedyPolicy):
 
     def q_values(self, observation: Observation) -> np.ndarray:
         scenario, seen = self.config.scenario, self.checked(observation)
-        return self.values_at(numbered(seen, scenario.columns, scenario.rows))
+        board = scenario.columns, scenario.rows, self.config.facings
+        return self.values_at(numbered(seen, *board))
 
     def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
         starts = some_starts(self.process, self.most_starts) if starts is None else starts
@@ -193,12 +202,14 @@ class _OnTimes(GreedyPolicy):
     def alone_maps(self, board: Board, alone: np.ndarray) -> list[PolicyMap]:
         """Maps of each robot as if alone: minus its least time, the direction that leads to it."""
         scenario = self.config.scenario
-        shape, axes = (scenario.columns, scenario.rows), np.arange(DIRECTION_COUNT) % AXIS_COUNT
+        shape, facings = (scenario.columns, scenario.rows), self.config.facings
+        axes = [facing_of(direction, facings) for direction in range(DIRECTION_COUNT)]
+        seconds = np.broadcast_to(board.seconds.T, (len(board.at), *board.seconds.T.shape))
         found = []
         for own_after, own in zip(board.after, alone, strict=True):
             rest = np.where(own_after == BLOCKED, np.inf, own[own_after, axes])
-            action = (board.seconds[:, STARTING_AXIS] + rest).argmin(axis=1)
-            value = -own[:, STARTING_AXIS]
+            action = (at_start(self.process, seconds) + rest).argmin(axis=1)
+            value = -at_start(self.process, own)
             reached = np.isfinite(value) & (value < 0.0)
             layers = np.where(reached, value, 0.0), action, reached.astype(float)
             found.append(PolicyMap(*(layer.reshape(shape) for layer in layers)))
@@ -218,9 +229,9 @@ class PairPolicy(_OnTimes):
     def computed(cls, config: PolicyConfig) -> "PairPolicy":
         """Compute the policy of a configuration; some seconds, and some 200 MB meanwhile."""
         assert config.moves is not None
-        process = build_process(config.scenario, config.process)
+        process = config.build()
         delay = solve_pair(process, config.moves).delay
-        begun = delay[:, STARTING_AXIS, :, STARTING_AXIS]
+        begun = at_start(process, np.moveaxis(at_start(process, delay), 0, 2)).T
         require_paths(process, np.where(begun == UNREACHABLE, np.inf, begun))
         return cls(config, delay)
 
@@ -249,7 +260,7 @@ class PairPolicy(_OnTimes):
     def fits(self) -> bool:
         """See `GreedyPolicy.fits`."""
         cells = self.config.scenario.columns * self.config.scenario.rows
-        shape = (cells, AXIS_COUNT) * 2
+        shape = (cells, self.config.facings) * 2
         return (self.delay.shape, self.delay.dtype) == (shape, np.uint16)
 
 

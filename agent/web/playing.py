@@ -55,6 +55,7 @@ class Times(NamedTuple):
     times: PairTimes | Group
     columns: int
     rows: int
+    facings: int
 
 
 class Varied(NamedTuple):
@@ -185,9 +186,9 @@ def deciding(policy: GreedyPolicy) -> tuple[str, Tables | Times]:
         best = policy.values == policy.values.max(axis=2, keepdims=True)
         return "follow", Tables(policy.process, np.packbits(best, 2, "little")[..., 0])
     if isinstance(policy, PairPolicy):
-        return "meet", Times(policy.times, board.columns, board.rows)
+        return "meet", Times(policy.times, board.columns, board.rows, policy.config.facings)
     if isinstance(policy, GroupPolicy):
-        return "plan_all", Times(policy.group, board.columns, board.rows)
+        return "plan_all", Times(policy.group, board.columns, board.rows, policy.config.facings)
     raise UserError(
         f"the method {policy.config.method} has no kernel that a page could play; choose paper, "
         "moves, shortest, fastest or planned"
@@ -211,7 +212,7 @@ def follow(play: Play) -> int:
 def meet(play: Play) -> int:
     """Write the directions of a pair that drives by its times likewise."""
     seen, decides = play.moves.seen, play.decides
-    cells, goals, axes = numbered(seen, decides.columns, decides.rows)
+    cells, goals, axes = numbered(seen, decides.columns, decides.rows, decides.facings)
     values = np.empty((2, DIRECTION_COUNT), dtype=np.float32)
     pair_values(decides.times, cells, goals, axes, values)
     for i in range(2):
@@ -225,7 +226,7 @@ def plan_all(play: Play) -> int:
     seen, decides, wanted = play.moves.seen, play.decides, play.wanted
     if not play.moves.awaiting.any():
         return 0
-    cells, goals, axes = numbered(seen, decides.columns, decides.rows)
+    cells, goals, axes = numbered(seen, decides.columns, decides.rows, decides.facings)
     plan(decides.times, cells, goals, axes, wanted, np.empty(len(cells)))
     for i in range(len(cells)):
         if wanted[i] < 0:

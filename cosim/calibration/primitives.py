@@ -21,7 +21,7 @@ from cosim.base.storage import cache_dir, cached, write_json
 from cosim.calibration.trial import Trial, mean_motion
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.params import MotorShares
+from cosim.model.params import Drive, MotorShares
 from cosim.physics.trig import normals
 from fmus.build import identity_of_fmu
 
@@ -234,18 +234,24 @@ def able(primitive: Primitive, name: str, reach_m: float) -> bool:
     return along > max(least, 2.0 * aside)
 
 
-def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
+def steered(
+    config: CoSimConfig, found: dict[str, Primitive], *, directed: bool = True
+) -> CoSimConfig:
     """Return a configuration whose steering has the primitives of its machine.
 
-    Raises a UserError if the machine cannot drive ahead, or cannot turn both ways. One that cannot
-    drive back turns around.
+    A machine that cannot drive back turns around.
+
+    Args:
+        directed: whether it shall follow directions; then a machine that cannot drive ahead, or
+            cannot turn both ways, raises a UserError. Otherwise it lacks what it cannot do.
     """
     reach_m = 0.5 * config.robot.diameter_m
     can = {name for name, primitive in found.items() if able(primitive, name, reach_m)}
-    if not {"left turn", "right turn", "forwards"} <= can:
+    if directed and not {"left turn", "right turn", "forwards"} <= can:
         raise UserError(cannot(found, can))
-    if not {"leftwards", "rightwards"} <= can:
-        can -= {"leftwards", "rightwards"}
+    # With the sides but not backwards, the robot's heading would not follow from its last move.
+    for needed in ({"backwards", "leftwards", "rightwards"}, {"left turn", "right turn"}):
+        can -= set() if needed <= can else needed - {"backwards"}
     speeds = {n: float(np.abs(found[n].set_points_rad_s).max()) for n in DIRECTIONS}
     for pair in (("leftwards", "rightwards"), ("left turn", "right turn")):  # share a speed
         speeds |= dict.fromkeys(pair, max(speeds[name] for name in pair))
@@ -254,20 +260,32 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
     shares = (
         np.array(found[n].set_points_rad_s) / speeds[n] if n in can else none for n in DIRECTIONS
     )
-    rows = zip(*shares, ahead.difference, strict=True)
-    drives = [name for name in DRIVES if name in can]
-    speed_m_s = np.mean([abs(np.array(found[n].mean) @ DIRECTIONS[n]) for n in drives])
-    rate = np.mean([abs(found[n].mean[2]) for n in ("left turn", "right turn")])
+    rows = zip(*shares, strict=True)
+    along = {n: abs(float(np.array(found[n].mean) @ DIRECTIONS[n])) for n in DIRECTIONS if n in can}
+    # Where a machine lacks all drives, or turns, its fastest motion is the unit of observations.
+    fastest = np.abs([primitive.mean for primitive in found.values()]).max(axis=0)
+    speed_m_s = float(
+        np.mean([along[n] for n in DRIVES if n in can] or max(*fastest[:2], LEAST_M_S))
+    )
+    turns = [value for name, value in along.items() if name not in DRIVES]
+    rate = np.mean(turns or max(fastest[2], LEAST_RAD_S))
+    drives = (
+        Drive(along[n] / speed_m_s, found[n].yaw_gain / ahead.yaw_gain, found[n].difference)
+        if n in can
+        else Drive(difference=tuple(none.tolist()))
+        for n in DRIVES
+    )
     top = FASTEST * config.top_speed_rad_s
     return config.having(
         "found, see docs/steering.md",
         shares=tuple(MotorShares(*map(float, row)) for row in rows),
+        drives=tuple(drives),
         forward_speed_rad_s=speeds["forwards"],
         backward_speed_rad_s=speeds["backwards"],
         side_speed_rad_s=speeds["leftwards"],
         turn_speed_rad_s=speeds["left turn"],
         max_speed_rad_s=top,
-        drive_speed_m_s=float(speed_m_s),
+        drive_speed_m_s=speed_m_s,
         turn_rate_rad_s=float(rate),
         yaw_gain=ahead.yaw_gain,
         heading_gain_1_s=TURNING_1_S / ahead.yaw_gain,
@@ -285,5 +303,5 @@ def cannot(found: dict[str, Primitive], can: set[str]) -> str:
         f"this machine cannot steer: found nothing for {', '.join(lacking)}; its best motion is "
         f"{speed:.2f} mm/s with {rate:+.1f} °/s at set points "
         f"{', '.join(f'{value:.0f}' for value in best.set_points_rad_s)} rad/s; change motors or "
-        "feet, or simulate it with a drive policy"
+        "feet, or let a policy that has drive(motion) command the set points (docs/environments.md)"
     )

@@ -20,7 +20,7 @@ from cosim.base.progress import Progress, silent, under_way
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, write_json
 from cosim.calibration.straying import best_filter
-from cosim.calibration.trial import corners, trial_in_world
+from cosim.calibration.trial import corners, heading_angles, trial_in_world
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import ESTIMATOR, SHIELD, TIMING
@@ -28,7 +28,7 @@ from cosim.model.preset import PAPER
 from cosim.model.world import World
 from cosim.onboard.shield import stopping_gap
 from cosim.onboard.steering import HOLD, MODE
-from cosim.physics.body_state import PLANE
+from cosim.physics.body_state import PLANE, QUATERNION
 from cosim.physics.trig import sine_cosine, sines_cosines
 from fmus.build import identity_of_fmu
 
@@ -43,6 +43,7 @@ REST_S = 0.1
 _DRIVE_S, _CHANGE_S, _TICKS_S, _HELD_S = (0.05, 0.4), 0.2, 0.05, 0.25
 _BOUNCING_S = 10.0  # assumed: feet bounce as high as they ever do after this time at one speed
 _OPEN_LOOP = 4.0  # times as long, because these motors take as long to speed up and down
+_TURNS, _TURN, _LOOK_S = 16, 1.5, 0.05  # robots, half turns at the calibrated rate, between looks
 _WIDTHS = 32  # directions in which a path is measured
 SLIDES = (
     "robots that are stopped slide {} in this world; leave out --shield, or make the floor less "
@@ -146,6 +147,29 @@ def stopping_distance(config: CoSimConfig, fmu: MotorFmu) -> tuple[float, float]
     return bound_m, float(max(stops.creep_m_s.max() for stops in found))
 
 
+def turning_path(config: CoSimConfig, fmu: MotorFmu) -> tuple[float]:
+    """Return how far a robot's centre comes in m, at most, from where half a turn began."""
+    period_s, rate = config.timing.control_period_s, config.steering.turn_rate_rad_s
+    shares = np.array([(own.left_turn, own.right_turn) for own in config.steering.shares])
+    speeds = config.steering.turn_speed_rad_s * shares.T[np.arange(_TURNS) % 2]
+    headings, sequence = np.zeros(_TURNS), np.random.SeedSequence(0)
+    with trial_in_world(fmu, config, headings, sequence) as trial:
+        trial.lay(corners(config, trial.origins_m, np.random.default_rng(0)))
+        trial.set_motors(speeds)
+        poses = [trial.poses]
+        for _ in range(math.ceil(_TURN * math.pi / rate / _LOOK_S)):
+            trial.advance(round(_LOOK_S / period_s))
+            poses.append(trial.poses)
+    angles = np.abs(heading_angles(np.array(poses)[..., QUATERNION]))
+    if angles[-1].min() < math.pi:
+        raise UserError(
+            "robots that cannot drive backwards turn too slowly in this world to retreat; leave "
+            "out --shield, or make the floor less steep or more slippery"
+        )
+    moved_m = np.linalg.norm(np.array(poses)[..., :2] - poses[0][:, :2], axis=2)
+    return (float(moved_m[angles <= math.pi].max()),)
+
+
 def _reduced(config: CoSimConfig, *fields: str) -> CoSimConfig:
     """Return a configuration without what decides nothing here, so that results are found again."""
     clock = ("dt_s", "communication_step_s", "control_period_s")
@@ -192,11 +216,23 @@ def with_stopping_distance(
     with under_way(progress, "measuring stopping distances"):
         floors = [slippery, patchy] if world.mu_patches else [slippery]
         stops = [_kept(stopping_distance, floor, motor_fmu) for floor in floors]
+        reverses = config.steering.backward_speed_rad_s > 0.0
+        turns = [(0.0,) if reverses else _kept(turning_path, floor, motor_fmu) for floor in floors]
     bound_m, creep_m_s = map(max, zip(*stops, strict=True))
     stopping_m = math.ceil(1e6 * RESERVE * bound_m) / 1e6
     if creep_m_s * config.timing.episode_limit_s > stopping_m - bound_m:
         raise UserError(SLIDES.format(f"on, by {3.6e6 * creep_m_s:.2g} mm in an hour"))
     config = replace(config, shield=shield).having("measured", stopping_m=stopping_m)
+    if not reverses:  # they turn before they retreat
+        turned_m = math.ceil(1e6 * RESERVE * max(turns)[0]) / 1e6
+        config = config.having("measured: room to turn", room_m=shield.room_m + turned_m)
+        if turned_m > MOST_GAP * config.robot.diameter_m:
+            raise UserError(
+                f"machine {config.preset} cannot drive backwards, and its centre moves by up to "
+                f"{1e3 * turned_m:.1f} mm while it turns around, more than {MOST_GAP:g} of its "
+                "diameter, so that it could not retreat; leave out --shield, or change motors or "
+                "feet"
+            )
     if not world.camera.rate_hz:
         return config
     seen = _reduced(config, *_FLOOR, "mu_patches", "sensor")

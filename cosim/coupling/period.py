@@ -96,6 +96,7 @@ def begin_period(plant: Plant, state: State, noise: np.ndarray, lanes: int) -> N
                     state.near_targets,
                     state.near_zone,
                     plant.pair.diameter,
+                    plant.steering,
                     plant.shield,
                 )
         for column in range(first, first + robots):

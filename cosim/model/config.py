@@ -14,6 +14,7 @@ import msgspec
 
 from cosim.base.arguments import ConfigError, validate_fields
 from cosim.model import params
+from cosim.model.scenario import Scenario
 from cosim.model.world import IDEAL, Tree, World, parameter_name, tree_of
 
 OnCollision = Literal["end", "continue"]
@@ -157,7 +158,8 @@ class CoSimConfig:
 
     def _check_geometry(self) -> None:
         robot, steering = self.robot, self.steering
-        if len(steering.shares) != robot.motors_count:
+        counts = [len(steering.shares), *(len(drive.difference) for drive in steering.drives)]
+        if set(counts) != {robot.motors_count}:
             raise ConfigError(
                 f"the steering is one of {len(steering.shares)} motors, but the machine has "
                 f"{robot.motors_count}"
@@ -295,6 +297,16 @@ class CoSimConfig:
         kept = tuple((name, text) for name, text in self.sources if name not in left)
         return replace(self, world=IDEAL, sources=kept).merged(world.tree())
 
+    def move_limit_s(self, cell_m: float) -> float:
+        """Return the time in s after which a move between cells with an edge of `cell_m` ends.
+
+        It is `timing.move_limit_s`, and longer in proportion where moves need longer than those of
+        the paper's robot on its cells.
+        """
+        usual_s = _longest_move_s(params.STEERING, Scenario.cell_m)
+        share = _longest_move_s(self.steering, cell_m) / usual_s
+        return self.timing.move_limit_s * max(1.0, share)
+
     @property
     def lift_off_rad_s(self) -> float:
         """Motor speed that lifts the robot with its payload off a level floor."""
@@ -381,8 +393,16 @@ def proportional(steering: params.SteeringParams, share: float) -> Tree:
 def not_calibrated(motors: int) -> Tree:
     """Return the steering of a machine with motors of its own, which moves none of them."""
     speeds = dict.fromkeys((n for n in _STEERING if n.endswith("_speed_rad_s")), 0.0)
-    shares = (params.MotorShares(*[0.0] * 7),) * motors
-    return tree_of("not calibrated", **speeds, shares=shares)
+    shares = (params.MotorShares(*[0.0] * 6),) * motors
+    drives = (params.Drive(difference=(0.0,) * motors),) * 4
+    return tree_of("not calibrated", **speeds, shares=shares, drives=drives)
+
+
+def _longest_move_s(steering: params.SteeringParams, cell_m: float) -> float:
+    """Return the time that a diagonal move after the largest turn needs."""
+    half_turns = 1.0 if steering.backward_speed_rad_s <= 0.0 else 0.5
+    turn_s = half_turns * math.pi / steering.turn_rate_rad_s
+    return turn_s + math.sqrt(2.0) * cell_m / steering.drive_speed_m_s
 
 
 def whole_ratio(name: str, period: float, base_name: str, base: float) -> int:

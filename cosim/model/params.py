@@ -7,7 +7,7 @@ kernels read them.
 """
 
 import math
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 from msgspec import Meta
 
@@ -201,7 +201,6 @@ class MotorShares(NamedTuple):
     # left_turn, right_turn: of the speed of turning
     left_turn: float
     right_turn: float
-    difference: float  # of the difference that turns a driving robot counter-clockwise
     # dither, turn_dither: of the dither, while driving and while turning
     dither: float = 0.0
     turn_dither: float = 0.0
@@ -209,9 +208,21 @@ class MotorShares(NamedTuple):
 
 # Motors D and E of Fig. 4b, by the signs of Eq. (3); they drive no robot sideways.
 PAIR = (
-    MotorShares(-1.0, 1.0, 0.0, 0.0, 1.0, -1.0, 1.0, 1.0, -1.0),
-    MotorShares(1.0, -1.0, 0.0, 0.0, 1.0, -1.0, 1.0, 1.0, 1.0),
+    MotorShares(-1.0, 1.0, 0.0, 0.0, 1.0, -1.0, 1.0, -1.0),
+    MotorShares(1.0, -1.0, 0.0, 0.0, 1.0, -1.0, 1.0, 1.0),
 )
+
+
+Facings = Literal[2, 4, 8]
+
+
+class Drive(NamedTuple):
+    """What a machine does in one of its drives, and what turns it meanwhile."""
+
+    speed: float = 1.0  # as a share of `drive_speed_m_s`
+    yaw_gain: float = 1.0  # of the difference, as a share of that of the steering
+    # Share of each motor in the difference that turns the driving robot counter-clockwise
+    difference: tuple[float, ...] = (1.0, 1.0)
 
 
 class SteeringParams(NamedTuple):
@@ -282,6 +293,21 @@ class SteeringParams(NamedTuple):
         tuple[MotorShares, ...],
         Quantity("1", "Eq. (3)", "shares of these speeds of each motor, by motion primitive"),
     ] = PAIR
+    drives: Annotated[
+        tuple[Drive, Drive, Drive, Drive],
+        Quantity("1", "Eq. (3)", "driving forwards, backwards, leftwards and rightwards"),
+    ] = (Drive(), Drive(), Drive(), Drive())
+
+    @property
+    def facings(self) -> Facings:
+        """Number of headings, evenly spread, that need different turns before a drive.
+
+        All 8 of a machine that only drives forwards; 4 axes if it drives backwards, too; and 2 if
+        it also drives sideways.
+        """
+        if self.backward_speed_rad_s <= 0.0:
+            return 8
+        return 2 if self.side_speed_rad_s > 0.0 else 4
 
 
 class EstimatorParams(NamedTuple):

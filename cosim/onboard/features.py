@@ -21,8 +21,22 @@ DIRECTIONS = np.array(
     [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)], dtype=np.int64
 )
 DIRECTION_COUNT = len(DIRECTIONS)
-# A robot drives forwards as well as backwards: what its heading costs depends on its axis only.
+# The paper's robot drives forwards as well as backwards: what its heading costs depends on its axis
+# only. Other machines need more turns, or fewer (`SteeringParams.facings`, a power of two).
 AXIS_COUNT = DIRECTION_COUNT // 2
+UP, DOWN = 2, 6  # directions
+
+
+@inlined
+def facing_of(direction: int, facings: int) -> int:
+    """Return what matters of a heading to a machine that needs different turns for so many."""
+    return direction & (facings - 1)
+
+
+@inlined
+def starting_facing(row: int, rows: int, facings: int) -> int:
+    """Return it at the start: assumed, robots are set down facing the middle row."""
+    return facing_of(UP if 2 * row < rows else DOWN, facings)
 
 
 class DistanceThresholds(NamedTuple):

@@ -4,7 +4,8 @@ Every control period, before the steering, it looks at where robots are estimate
 of a robot is its distance to another one, an obstacle or the board's edge, and the distance of its
 centre to another one's target, less what stopping and the errors of the estimates can cost. A robot
 with little room stops, but for one at a time in a zone, which retreats straight along its own axis
-and is stopped when that costs room. A robot without room does not move.
+and is stopped when that costs room; one that cannot drive backwards turns first. A robot without
+room does not move.
 """
 
 import math
@@ -13,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.model.params import ShieldParams
+from cosim.model.params import ShieldParams, SteeringParams
 from cosim.onboard.estimation import COVARIANCE, POSE
 from cosim.onboard.steering import (
     DIRECTION,
@@ -27,7 +28,7 @@ from cosim.onboard.steering import (
 )
 from cosim.physics.collision import away_from
 from cosim.physics.neighbours import FOUND, HEAD, NEXT, Grid, find_near, list_by_cells
-from cosim.physics.trig import sine_cosine
+from cosim.physics.trig import arctangent, sine_cosine
 
 # Layout of what the shield knows of one robot, float64.
 PARKED = 0  # 1.0: it has arrived, and does not retreat
@@ -65,6 +66,7 @@ def guard(
     near_targets: np.ndarray,
     near_zone: np.ndarray,
     diameter_m: float,
+    steering: SteeringParams,
     params: ShieldParams,
 ) -> None:
     """Stop the robots of an episode that lack room, and let one of them in each zone retreat.
@@ -72,6 +74,7 @@ def guard(
     Args:
         near_robots, near_targets, near_zone: (LISTS, B) int64, room for `cosim.physics.neighbours`.
     """
+    reverses = steering.backward_speed_rad_s > 0.0
     # What is beyond the gap leaves more room than any robot is stopped for, see `stopping_gap`.
     variance = 0.0
     for i in range(first, first + robots):
@@ -83,7 +86,7 @@ def guard(
     xs, ys, reach = ground.targets[:, 0], ground.targets[:, 1], 2.0 * ground.cell_m + gap
     targets = list_by_cells(near_targets, xs, ys, first, robots, board, reach)
     for zone in range(first, first + zones.columns * zones.rows):
-        retreating, chosen, best, along = False, -1, -math.inf, 0.0
+        retreating, chosen, best, along, across = False, -1, -math.inf, 0.0, 0.0
         following = near_zone[HEAD, zone]
         while following >= 0:
             i, following = following, near_zone[NEXT, following]
@@ -99,6 +102,9 @@ def guard(
                 retreating |= command[MODE] == RETREAT
                 continue
             if command[MODE] == RETREAT:
+                if not reverses and abs(command[HEADING_ERROR]) > steering.turn_again_rad:
+                    # It turns, which `room_m` has room for.
+                    shield[REFERENCE] = min(shield[REFERENCE], clear)
                 lost = clear < shield[REFERENCE] - params.loss_m - jitter
                 if room >= 0.0 and not lost:
                     retreating = True
@@ -112,27 +118,42 @@ def guard(
                 continue
             s, c = sine_cosine(estimates[i, POSE + 2])
             cosine = c * away_x + s * away_y
-            # Fewest failures first, then the one that faces most along the line, then the last.
-            merit = abs(cosine) - 2.0 * shield[FAILURES]
+            # Fewest failures first, then the one that faces most along the line (away, if it cannot
+            # drive backwards), then the last.
+            merit = (abs(cosine) if reverses else cosine) - 2.0 * shield[FAILURES]
             if merit >= best:
-                chosen, best, along = i, merit, cosine
+                chosen, best, along, across = i, merit, cosine, c * away_y - s * away_x
                 shield[REFERENCE] = clear
         if chosen >= 0 and not retreating:
-            sense = 1.0 if along >= 0.0 else -1.0
-            if shields[chosen, FAILURES] % 2.0 == 1.0:
+            sense = 1.0 if along >= 0.0 or not reverses else -1.0
+            turned = 0.0 if reverses else _angle_of(along, across)
+            if reverses and shields[chosen, FAILURES] % 2.0 == 1.0:
                 sense = -sense
-            _retreat(commands[chosen], estimates[chosen], sense, params.retreat_m)
+            _retreat(commands[chosen], estimates[chosen], turned, sense, params.retreat_m)
 
 
 @inlined
-def _retreat(command: np.ndarray, estimate: np.ndarray, sense: float, length_m: float) -> None:
-    """Command a straight line along the robot's axis, forwards (1.0) or backwards (−1.0)."""
-    heading = estimate[POSE + 2]
+def _retreat(
+    command: np.ndarray, estimate: np.ndarray, turned: float, sense: float, length_m: float
+) -> None:
+    """Command a straight line forwards (1.0) or backwards (−1.0) along an axis.
+
+    `turned` is its angle in rad from the robot's axis.
+    """
+    heading = estimate[POSE + 2] + turned
     command[MODE], command[SENSE] = RETREAT, sense
     command[DIRECTION] = heading if sense > 0.0 else heading + math.pi
     s, c = sine_cosine(heading)
     command[GOAL_X] = estimate[POSE] + sense * length_m * c
     command[GOAL_Y] = estimate[POSE + 1] + sense * length_m * s
+
+
+@inlined
+def _angle_of(x: float, y: float) -> float:
+    """Return the angle in rad of a direction from the x axis."""
+    if abs(x) < abs(y):
+        return math.copysign(0.5 * math.pi, y) - arctangent(x / y)
+    return arctangent(y / x) + (math.pi if x < 0.0 else 0.0)
 
 
 @inlined

@@ -28,7 +28,7 @@ MODE_NAMES = ("hold", "start", "turn", "drive", "direct", "drive on", "retreat")
 GOAL_X, GOAL_Y = 0, 1  # end of the line, m
 DIRECTION = 2  # of the line, rad
 # HOLD, START (a fresh command), TURN, DRIVE, DIRECT, PAST the end and driving on, or RETREAT, which
-# drives and neither turns on the spot nor drives on
+# does not drive on, and turns on the spot only where a machine cannot drive backwards
 MODE = 3
 SENSE = 4  # FORWARDS, BACKWARDS, LEFTWARDS or RIGHTWARDS
 HEADING_ERROR = 5  # rad, for inspection
@@ -66,7 +66,7 @@ def steer(
     The machine says which shares of a speed each motor gets for a primitive. With the signs of
     Eq. (3), (ω_D, ω_E) = (−, +) drives towards +x of the body and (+, +) turns counter-clockwise;
     adding the same difference to both therefore turns a driving robot counter-clockwise, forwards
-    and backwards alike.
+    and backwards alike. Other machines have a difference of their own for each drive.
 
     Args:
         command: shape (COMMAND_SIZE,), see the layout above; the controller's memory is updated.
@@ -99,6 +99,7 @@ def steer(
             command[SENSE] = LEFTWARDS if error > 0.0 else RIGHTWARDS
         command[MODE] = TURN
     sense = command[SENSE]
+    number = 2 * int(abs(sense)) - 2 + int(sense < 0.0)  # of the drive: forwards is 0
     if sense == BACKWARDS:
         error = wrapped(error + math.pi)
     elif sense != FORWARDS:
@@ -110,7 +111,9 @@ def steer(
     elif command[MODE] == DRIVE and abs(error) > params.turn_again_rad:
         command[MODE] = TURN
     dither = _dither(command, period_s, params)
-    if command[MODE] == TURN:
+    # A machine that cannot drive backwards turns before it retreats.
+    around = command[MODE] == RETREAT and params.backward_speed_rad_s <= 0.0
+    if command[MODE] == TURN or (around and abs(error) > params.turn_again_rad):
         command[YAW_RATE] = math.copysign(params.turn_rate_rad_s, error)
         for k in range(len(shares)):
             share = shares[k].left_turn if error > 0.0 else shares[k].right_turn
@@ -121,22 +124,16 @@ def steer(
         drive = params.forward_speed_rad_s
     elif sense == BACKWARDS:
         drive = params.backward_speed_rad_s
-    limit = params.max_difference_rad_s
-    difference = min(limit, max(-limit, params.heading_gain_1_s * error))
+    own, limit = params.drives[number], params.max_difference_rad_s
+    difference = min(limit, max(-limit, params.heading_gain_1_s / own.yaw_gain * error))
     # The faster motor stays below hopping; the difference is kept by slowing the other one.
-    command[SPEED] = math.copysign(params.drive_speed_m_s, sense)
+    command[SPEED] = math.copysign(own.speed * params.drive_speed_m_s, sense)
     command[COURSE] = 0.0 if abs(sense) == FORWARDS else math.pi / 2.0
-    command[YAW_RATE] = params.yaw_gain * difference
+    command[YAW_RATE] = own.yaw_gain * params.yaw_gain * difference
     drive = min(drive, params.max_speed_rad_s - abs(difference))
     for k in range(len(shares)):
-        own = shares[k]
-        share = own.forwards if sense == FORWARDS else own.backwards
-        if sense == LEFTWARDS:
-            share = own.leftwards
-        elif sense == RIGHTWARDS:
-            share = own.rightwards
-        added = difference * own.difference + dither * own.dither
-        set_points[k] = added + drive * share
+        added = difference * own.difference[k] + dither * shares[k].dither
+        set_points[k] = added + drive * shares[k][number]
 
 
 @inlined

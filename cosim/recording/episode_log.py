@@ -81,7 +81,8 @@ class EpisodeLog:
         decided = ("INFO", f"{name} in {where} heads for {direction}", entity, direction)
         if not self._moving[robot]:
             return [decided]
-        text = f"{name} gives its move up after {self._config.timing.move_limit_s:g} s"
+        limit_s = self._config.move_limit_s(self._scenario.cell_m)
+        text = f"{name} gives its move up after {limit_s:.3g} s"
         return [("WARN", text, entity, series.GIVEN_UP), decided]
 
     def _contacts(self, step: Step, start_s: float) -> Iterator[Line]:

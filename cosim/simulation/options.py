@@ -97,22 +97,26 @@ class Physics:
         progress: Progress = silent,
         world: World = IDEAL,
         source: str = "world",
+        *,
+        directed: bool = True,
     ) -> tuple[CoSimConfig, Path]:
         """Calibrated parameters for robots in a world, see `config`, and the motor FMU.
 
         The built-in FMU is compiled the first time, a calibration measured (some seconds each).
-        Episodes of a scenario are prepared by `resolve`.
+        Episodes of a scenario are prepared by `resolve`, which describes `directed`.
         """
         config = self.config(world, source)
         if diameter_m is not None:
             config = config.sized(diameter_m)
         fmu = self.fmu(progress)
-        return self._calibrated(config, fmu, progress), fmu
+        return self._calibrated(config, fmu, progress, directed), fmu
 
-    def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
+    def _calibrated(
+        self, config: CoSimConfig, fmu: Path, progress: Progress, directed: bool
+    ) -> CoSimConfig:
         from cosim.calibration.measuring import calibrated  # noqa: PLC0415 - as above
 
-        return calibrated(config, fmu, progress)
+        return calibrated(config, fmu, progress, directed=directed)
 
 
 PROMPT_RL_STEP_S = 0.1  # assumed: robots asked so often drive on by less than 0.4 mm
@@ -191,15 +195,18 @@ class SimulationOptions(Physics, DecisionOptions):
             whole_ratio("time_limit", self.time_limit, "rl_step_s", config.timing.rl_step_s)
         return config
 
-    def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
+    def _calibrated(
+        self, config: CoSimConfig, fmu: Path, progress: Progress, directed: bool
+    ) -> CoSimConfig:
         """Limit the speed to the largest one without hopping, unless it is given."""
         from cosim.calibration.measuring import calibrated  # noqa: PLC0415 - as above
         from cosim.calibration.shielding import with_stopping_distance  # noqa: PLC0415
 
-        config = calibrated(config, fmu, progress, slower=self.speed is None)
-        slower = STEERING.drive_speed_m_s / config.steering.drive_speed_m_s
-        if self.speed is None and self.time_limit is None and slower > 1.0:
-            limit_s = math.ceil(slower * config.timing.episode_limit_s)
+        slower = self.speed is None
+        config = calibrated(config, fmu, progress, slower=slower, directed=directed)
+        longer = STEERING.drive_speed_m_s / config.steering.drive_speed_m_s
+        if slower and self.time_limit is None and longer > 1.0:
+            limit_s = math.ceil(longer * config.timing.episode_limit_s)
             source = "computed: longer in proportion where robots are slower"
             config = config.having(source, episode_limit_s=limit_s)
         return with_stopping_distance(config, fmu, progress) if config.shield else config
@@ -254,6 +261,7 @@ def resolve(
     *,
     world: str | Path | World | Mapping[str, Any] | None = None,
     require: Callable[[Scenario], object] | None = None,
+    directed: bool = True,
 ) -> Setup:
     """Return the setup of a scenario under options.
 
@@ -262,6 +270,8 @@ def resolve(
             scenario file, else the paper's.
         require: refuses scenarios, for example those that a policy was not trained on, before
             anything is measured.
+        directed: whether robots are given directions, which needs a machine that can be steered,
+            or set points of their motors.
     """
     given = options.world if world is None else world
     scenario, world = find_in_world(scenario, given)
@@ -270,4 +280,5 @@ def resolve(
         require(scenario)
     name = Path(given).stem if isinstance(given, str | Path) else f"of scenario {scenario.name}"
     source = f"world {name}" if given is None or isinstance(given, str | Path) else "world"
-    return Setup(scenario, *options.prepare(scenario.diameter_m, progress, world, source))
+    prepared = options.prepare(scenario.diameter_m, progress, world, source, directed=directed)
+    return Setup(scenario, *prepared)

@@ -76,7 +76,7 @@ def rules_of(scenario: Scenario, config: CoSimConfig) -> Rules:
     return Rules(
         board_of(scenario, floor_margin(config.robot, config.world)),
         area_of(scenario, config.world.camera.rate_hz > 0.0),
-        config.ticks(config.timing.move_limit_s),
+        config.ticks(config.move_limit_s(scenario.cell_m)),
         config.ticks(config.timing.episode_limit_s),
         config.robot.com_height_m,
     )

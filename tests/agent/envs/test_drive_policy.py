@@ -11,6 +11,8 @@ from agent.envs.drive import DriveEnv, DrivePolicy
 from agent.study.policies import ObjectPolicy
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
+from cosim.calibration import measuring
+from cosim.calibration.primitives import DIRECTIONS, Primitive
 from cosim.model.scenario_file import find_in_world, find_scenario
 from cosim.simulation.driving import DriveObservation, drives
 
@@ -110,6 +112,70 @@ both.act = lambda observation: [0]
 def test_what_has_no_effect_is_refused(policy, options, words):
     with pytest.raises(ConfigError, match=words):
         mr.simulate("2", policy, progress=None, **options)
+
+
+ONE_MOTOR = """
+[[motor]]
+place_m = [0.0, 0.0, 0.003]
+axis = [0.0, 1.0, 0.0]
+""" + "".join(f"[[foot]]\nplace_m = [{x}, {y}]\n" for x in (0.016, -0.016) for y in (0.016, -0.016))
+
+
+class Full:
+    """Runs all motors at most of their speed."""
+
+    interval_s = 0.5
+
+    def drive(self, motion: DriveObservation):
+        most = 0.9 * motion.config.steering.max_speed_rad_s
+        return np.full(motion.speeds.shape, most)
+
+
+class AtFull(Full):
+    """Takes no arguments, as a command needs it."""
+
+
+# Speeds ahead and to the left in m/s, and yaw rate, of all that a search finds.
+@pytest.mark.parametrize(
+    ("machine", "best"),
+    [
+        ("kilobot", (2e-3, 0.0, 0.3)),  # it circles
+        ("kilobot", (0.0, 0.0, 0.0)),  # it stands
+        pytest.param(ONE_MOTOR, (4e-3, 0.0, 0.0), marks=pytest.mark.long),  # it drives straight on
+    ],
+)
+def test_a_machine_that_cannot_be_steered_is_driven(tmp_path, monkeypatch, command, machine, best):
+    preset, motors = machine, 2
+    if machine is ONE_MOTOR:
+        preset, motors = str(tmp_path / "one.toml"), 1
+        (tmp_path / "one.toml").write_text(machine)
+
+    def found(*_: Any) -> dict[str, Primitive]:
+        none = (0.0,) * motors
+        return dict.fromkeys(
+            DIRECTIONS, Primitive((700.0,) * motors, best, (0.0,) * 3, 0.0, none, 1.0)
+        )
+
+    monkeypatch.setattr(measuring, "find_primitives", found)
+    options: Any = {"preset": preset, "time_limit": 2, "progress": None}
+    with pytest.raises(UserError, match=r"cannot steer: .* drive\(motion\)"):
+        mr.simulate("1a", type("East", (), {"act": lambda self, seen: [0]})(), **options)
+    episode = mr.simulate("1a", Full(), **options)
+    assert episode.outcome == "timeout"
+    assert np.abs(episode.signals["/sim/r1/motors/omega"].values).max() > 100.0
+    row = mr.evaluate(Full(), "1a", starts=1, **options)
+    assert [result.outcome for result in row.results.values()] == ["timeout"]
+    given = ("--scenario", "1a", "--preset", preset, "--time-limit", 2, "--starts", 1)
+    policy = f"{AtFull.__module__}:AtFull"
+    done = command("evaluate", "--policy", policy, *given, "--jobs", 1, "--recordings", 0)
+    assert done.returncode == 0, done.stderr
+    with pytest.raises(ConfigError, match=r"action = velocity needs .* action = motors"):
+        DriveEnv(preset=preset)
+    env = DriveEnv(preset=preset, action="motors")
+    observation, _ = env.reset(seed=0)
+    observation, *_ = env.step(np.full(motors, 0.9, dtype=np.float32))
+    assert np.isfinite(observation).all()
+    env.close()
 
 
 @pytest.mark.parametrize(

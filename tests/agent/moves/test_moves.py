@@ -3,20 +3,21 @@
 import json
 import math
 import re
-from dataclasses import replace
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
 from agent.mdp.interpretations import build_process
 from agent.mdp.rng import next_word, seeded_state
 from agent.moves import kernels, observe
-from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, build_model, move_kind
-from agent.moves.observe import KINDS, observe_moves
+from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, build_model
+from agent.moves.observe import move_rows, observe_moves
 from agent.moves.worlds import RANGES, draw_world
 from agent.training.loop import learn
 from agent.training.moves_qlearning import _discounts
@@ -326,8 +327,8 @@ def test_interpretations_without_effect_are_refused_by_name(
     settings.write_text(f"[process]\n{name} = {json.dumps(value)}\n")
     arguments = ["--scenario", "2", "--out", str(out), "--learning.episodes", "10"]
     arguments += ["--moves", str(file)] if on_moves else []
-    for given in ([f"--process.{name}", str(value)], ["--config", str(settings)]):
-        ended = command("train", *arguments, *given)
+    for own in ([f"--process.{name}", str(value)], ["--config", str(settings)]):
+        ended = command("train", *arguments, *own)
         assert ended.returncode == 2
         assert re.search(message, ended.stderr)
     assert not out.exists()
@@ -395,14 +396,89 @@ def test_moves_are_observed_on_the_cells_of_the_scenario(monkeypatch, tmp_path):
         PolicyConfig(SMALL, ProcessConfig(), LearningConfig(), Seed(0), large)
 
 
+@given(
+    cell_m=st.floats(1e-3, 1.0),
+    speed_m_s=st.floats(1e-4, 0.05),
+    rate=st.floats(0.01, 3.0),
+    backward_speed_rad_s=st.sampled_from([0.0, 900.0]),
+)
+def test_a_move_may_last_several_times_what_it_needs(cell_m, speed_m_s, rate, backward_speed_rad_s):
+    own = {"drive_speed_m_s": speed_m_s, "turn_rate_rad_s": rate}
+    config = CoSimConfig().having("test", **own, backward_speed_rad_s=backward_speed_rad_s)
+    turn_rad = 0.5 * math.pi if backward_speed_rad_s else math.pi
+    needed_s = turn_rad / rate + math.sqrt(2.0) * cell_m / speed_m_s
+    assert config.move_limit_s(cell_m) > 3.0 * needed_s
+    assert config.move_limit_s(cell_m) >= CoSimConfig().move_limit_s(0.01) == TIMING.move_limit_s
+
+
+SLOW = {"drive_speed_m_s": 8e-4, "forward_speed_rad_s": 680.0, "backward_speed_rad_s": 680.0}
+
+
+@pytest.mark.parametrize(
+    ("cell_m", "own"),
+    [
+        pytest.param(0.2, {}, marks=pytest.mark.long),
+        pytest.param(0.03, SLOW, marks=pytest.mark.long),
+    ],
+)
+def test_moves_that_take_longer_are_observed_to_their_ends(monkeypatch, cell_m, own):
+    """On large cells, and of a slow machine."""
+    monkeypatch.setattr(observe, "WALKS", 1)
+    config = CoSimConfig().having("test", **own)
+    moves = observe_moves(config, cached_fmu(), moves_per_kind=1, cell_m=cell_m, jobs=1)
+    for move in moves.moves:
+        ended = DIRECTIONS[move.direction].tolist()
+        assert (move.columns, move.rows) == tuple(ended)
+        length_m = cell_m * math.hypot(*ended)
+        driven_m = config.steering.drive_speed_m_s * (move.duration_s - move.turn_s)
+        assert driven_m == pytest.approx(length_m, rel=0.2)
+    assert max(move.duration_s for move in moves.moves) > 40.0
+
+
+@pytest.mark.parametrize(
+    ("own", "words"),
+    [
+        (
+            {"forward_speed_rad_s": 300.0, "backward_speed_rad_s": 300.0},
+            r"machine paper .* mu = 0\.15 .* 10 mm it drove for 40 s",
+        ),
+        ({"turn_speed_rad_s": 300.0, "move_limit_s": 4.0}, r"it turned for 4 s"),
+    ],
+)
+def test_a_move_that_does_not_end_is_refused(monkeypatch, own, words):
+    monkeypatch.setattr(observe, "WALKS", 1)
+    config = CoSimConfig().having("test", **own)
+    with pytest.raises(UserError, match=words):
+        observe_moves(config, cached_fmu(), moves_per_kind=2, jobs=1)
+
+
+@pytest.mark.parametrize(
+    "backward_speed_rad_s", [pytest.param(0.0, marks=pytest.mark.long), 1023.5]
+)
+def test_a_machine_that_cannot_reverse_is_seen_to_turn_around(monkeypatch, backward_speed_rad_s):
+    monkeypatch.setattr(observe, "WALKS", 1)
+    config = CoSimConfig().having("test", backward_speed_rad_s=backward_speed_rad_s)
+    moves = observe_moves(config, cached_fmu(), moves_per_kind=1, jobs=1)
+    turns = {moves.kind_of(move): move.turn_s for move in moves.moves}
+    assert len(turns) == moves.kinds == (8 if backward_speed_rad_s else 16)
+    assert (turns.get(4, 0.0) > 12.0) == (not backward_speed_rad_s)  # half a turn
+    assert len(move_rows(moves)[1]) == moves.kinds
+    shown = [row[0] for row in move_rows(moves)[1]]
+    assert ("straight after +180 deg" in shown) == (not backward_speed_rad_s)
+    config = PolicyConfig(
+        SMALL, ProcessConfig(features=("x", "h")), LearningConfig(), Seed(0), moves
+    )
+    assert config.build().state_count == SMALL.columns * moves.facings
+
+
 def test_moves_are_observed_in_the_co_simulation(monkeypatch):
     monkeypatch.setattr(observe, "WALKS", 2)
     motor_fmu = cached_fmu()
     moves = observe_moves(CoSimConfig(), motor_fmu, moves_per_kind=2, jobs=2)
     again = observe_moves(CoSimConfig(), motor_fmu, moves_per_kind=2, jobs=1)
     assert moves == again
-    kinds = [move_kind(move.direction, move.heading) for move in moves.moves]
-    assert min(kinds.count(kind) for kind in range(KINDS)) >= 2
+    kinds = [moves.kind_of(move) for move in moves.moves]
+    assert min(kinds.count(kind) for kind in range(8)) >= 2
     for move in moves.moves:
         assert (move.columns, move.rows) == tuple(DIRECTIONS[move.direction])
         assert 0.0 <= move.turn_s < move.duration_s < TIMING.move_limit_s
@@ -432,6 +508,7 @@ def test_worlds_are_within_their_ranges():
     assert len(set(map(repr, worlds))) == len(worlds)
 
 
+@pytest.mark.long
 def test_every_walk_has_a_world_of_its_own(monkeypatch):
     """In one batch, and the same whatever else is in it."""
     monkeypatch.setattr(observe, "WALKS_OF_WORLDS", 2)
@@ -443,14 +520,14 @@ def test_every_walk_has_a_world_of_its_own(monkeypatch):
         return begin(batch, *arguments)
 
     monkeypatch.setattr(observe.Batch, "begin", watched)
-    config = replace(CoSimConfig(), timing=TIMING._replace(move_limit_s=4.0))
+    config = CoSimConfig()
     walked = [
         observe.observe_moves(config, cached_fmu(), worlds=RANGES, moves_per_kind=1, jobs=jobs)
         for jobs in (1, 2)
     ]
     assert walked[0] == walked[1]
     assert len(walked[0].walks) == observe.WALKS_OF_WORLDS
-    assert sum(walked[0].walks) == len(walked[0].moves) >= 2 * KINDS
+    assert sum(walked[0].walks) == len(walked[0].moves) >= 2 * 8
     assert seen[0] != seen[1]
     assert seen[:2] == sorted(seen[2:], key=seen[:2].index)
     ideal = observe.source_digest(config, cached_fmu())

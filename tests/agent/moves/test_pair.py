@@ -31,27 +31,41 @@ BOARD = Scenario(
 )  # fmt: skip
 KEPT_CELLS = 34  # squared, of robots of 5 cm with a gap of 8.3 mm
 SECONDS = (3.0, 5.0, 9.0, 5.5, 3.9, 6.5, 11.0, 7.9)  # by kind
+ONE_WAY = (3.0, 5.0, 9.0, 13.0, 17.0, 13.5, 9.5, 5.5, 3.9, 6.5, 11.0, 15.0, 19.0, 15.5, 12.0, 7.9)
 
 
 def lasting(*seconds, **options):
     """A move of every kind, heading east or north-east first."""
+    facings = len(seconds) // 2
     moves = [
-        Move(k // 4, (k // 4 + k) % 4, NO_DIRECTION, 1, k // 4, 0.5, s, 0, 0, 0, 0)
+        Move(
+            k // facings,
+            (k // facings + k) % facings,
+            NO_DIRECTION,
+            1,
+            k // facings,
+            0.5,
+            s,
+            *[0] * 4,
+        )
         for k, s in enumerate(seconds)
     ]
-    return ObservedMoves("", 0, tuple(moves), **options)
+    return ObservedMoves("", 0, tuple(moves), **options, facings=facings)
 
 
 MOVES = lasting(*SECONDS, rl_step_s=0.1, through=True)
 STEPS = DIRECTIONS.tolist()
-MEAN_S = mean_seconds(MOVES).tolist()
 PROCESS = ProcessConfig(features=("x", "y", "h", "p"))
+
+
+def computed(moves) -> PairPolicy:
+    config = PolicyConfig(BOARD, PROCESS, LearningConfig(), Seed(0), moves, method="fastest")
+    return PairPolicy.computed(config)
 
 
 @pytest.fixture(scope="module")
 def policy() -> PairPolicy:
-    config = PolicyConfig(BOARD, PROCESS, LearningConfig(), Seed(0), MOVES, method="fastest")
-    return PairPolicy.computed(config)
+    return computed(MOVES)
 
 
 @cache
@@ -64,8 +78,8 @@ def keep_apart(before, after):
     )
 
 
-def next_states(state):
-    """Joint moves from cells and axes of both robots, with the time that they cost both."""
+def next_states(state, mean_s):
+    """Joint moves from cells and facings of both robots, with the time that they cost both."""
     options = []
     for i, (x, y, axis) in enumerate(state):
         if (x, y) == BOARD.targets[i]:
@@ -76,21 +90,21 @@ def next_states(state):
             other_x, other_y = BOARD.targets[1 - i]
             beside = max(abs(x + dx - other_x), abs(y + dy - other_y)) <= 1
             if 0 <= x + dx < SIDE and 0 <= y + dy < SIDE and not beside:
-                after = x + dx, y + dy, direction % 4
-                options[i].append((after, MEAN_S[direction][axis]))
+                after = x + dx, y + dy, direction % mean_s.shape[1]
+                options[i].append((after, mean_s[direction, axis]))
     before = tuple(a - b for a, b in zip(*state, strict=True))[:2]
     for (first, first_s), (second, second_s) in itertools.product(*options):
         if keep_apart(before, (first[0] - second[0], first[1] - second[1])):
             yield (first, second), first_s + second_s
 
 
-def least_time(state):
+def least_time(state, mean_s):
     best, queue = {state: 0.0}, [(0.0, state)]
     while queue:
         time, state = heapq.heappop(queue)
         if all(cell[:2] == target for cell, target in zip(state, BOARD.targets, strict=True)):
             return time
-        for after, seconds in next_states(state):
+        for after, seconds in next_states(state, mean_s):
             if time + seconds < best.get(after, np.inf) - 1e-9:
                 best[after] = time + seconds
                 heapq.heappush(queue, (time + seconds, after))
@@ -109,8 +123,15 @@ def seen(state):
 
 
 @pytest.mark.parametrize("state", [((8, 1, 2), (0, 7, 2)), ((7, 4, 1), (2, 3, 3))])
-def test_moves_lead_to_the_least_time(policy, state):
-    expected, taken = least_time(state), 0.0
+@pytest.mark.parametrize(
+    "seconds", [SECONDS, pytest.param(ONE_WAY, marks=pytest.mark.long), SECONDS[2:6]], ids=len
+)
+def test_moves_lead_to_the_least_time(policy, seconds, state):
+    if seconds != SECONDS:
+        policy = computed(lasting(*seconds, rl_step_s=0.1, through=True))
+    mean_s, taken = mean_seconds(policy.config.moves), 0.0
+    state = tuple((x, y, facing % mean_s.shape[1]) for x, y, facing in state)
+    expected = least_time(state, mean_s)
     alone = policy.times.alone
     assert expected > sum(alone[i, x * SIDE + y, axis] for i, (x, y, axis) in enumerate(state)) - 1
     for _ in range(40):
@@ -119,7 +140,7 @@ def test_moves_lead_to_the_least_time(policy, state):
         chosen = policy.act(seen(state)).action.tolist()
         reached = {
             tuple(after): seconds
-            for after, seconds in next_states(state)
+            for after, seconds in next_states(state, mean_s)
             if all(
                 cell[:2] == target or tuple(np.subtract(new, cell)[:2]) == tuple(DIRECTIONS[a])
                 for cell, target, new, a in zip(state, BOARD.targets, after, chosen, strict=True)

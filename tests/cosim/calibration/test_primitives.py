@@ -3,22 +3,31 @@
 import math
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from agent.envs.drive import set_points
 from cosim.base.errors import UserError
 from cosim.calibration.primitives import DIRECTIONS, Primitive, able, find_primitives, steered
 from cosim.model.preset import find_preset
 from cosim.onboard.steering import (
+    BACKWARDS,
     COMMAND_SIZE,
     DIRECTION,
+    DRIVE,
     FORWARDS,
+    GOAL_X,
     GOAL_Y,
     LEFTWARDS,
     MODE,
+    RIGHTWARDS,
     SENSE,
+    SPEED,
     START,
+    YAW_RATE,
     steer,
 )
 from docs.examples.draw_machine import machine
@@ -75,6 +84,59 @@ def test_a_learner_commands_its_velocity_or_each_motor(config):
     assert set_points(each, own, dither[:1], velocity=False).tolist() == (largest * each).tolist()
 
 
+@settings(max_examples=15, deadline=None)
+@given(
+    st.lists(st.floats(0.25, 4.0), min_size=4, max_size=4),
+    st.lists(st.tuples(*[st.floats(-1.0, 1.0)] * 4), min_size=4, max_size=4),
+    st.sampled_from([-1.2, -0.1, 0.1, 1.2]),
+)
+def test_each_drive_steers_by_its_own_measurements(config, gains, differences, course):
+    """Speed, difference and gain are those of the drive, whichever the robot chooses."""
+    own = {
+        name: msgspec.structs.replace(
+            primitive,
+            yaw_gain=4e-4 * gain,
+            difference=row,
+            mean=tuple(np.divide(primitive.mean, gain)),
+        )
+        for (name, primitive), gain, row in zip(found().items(), gains, differences, strict=False)
+    }
+    primitives = found() | own
+    steering = steered(config, primitives).steering
+    for sense, (name, direction) in enumerate(list(DIRECTIONS.items())[:4]):
+        row, set_points = np.zeros(COMMAND_SIZE), np.empty(4)
+        heading = math.atan2(direction[1], direction[0])
+        row[[GOAL_X, GOAL_Y]], row[DIRECTION] = np.array(direction[:2]), heading
+        row[[MODE, SENSE]] = DRIVE, (FORWARDS, BACKWARDS, LEFTWARDS, RIGHTWARDS)[sense]
+        error = 0.02 * course
+        steer(row, 0.0, 0.0, -error, 1e-3, steering, set_points)
+        straight = np.array(primitives[name].set_points_rad_s)
+        wanted = 2.0 * error / primitives[name].yaw_gain
+        added = np.clip(wanted, *np.array([-1.0, 1.0]) * steering.max_difference_rad_s)
+        slower = min(1.0, (steering.max_speed_rad_s - abs(added)) / np.abs(straight).max())
+        expected = slower * straight + added * np.array(primitives[name].difference)
+        assert set_points == pytest.approx(expected)
+        assert abs(row[SPEED]) == pytest.approx(abs(np.dot(primitives[name].mean, direction)))
+        assert row[YAW_RATE] == pytest.approx(added * primitives[name].yaw_gain)
+
+
+@pytest.mark.parametrize(
+    ("lacking", "facings", "drives"),
+    [
+        ((), 2, 4),
+        (("leftwards",), 4, 2),
+        (("backwards",), 8, 1),  # its heading would not follow from a move to a side
+        (("backwards", "leftwards", "rightwards"), 8, 1),
+    ],
+)
+def test_headings_count_by_what_a_machine_can_do(config, lacking, facings, drives):
+    still = dict.fromkeys(lacking, primitive(0.0, 0.0, 0.0))
+    steering = steered(config, found(**still)).steering
+    assert steering.facings == facings
+    speeds = steering.forward_speed_rad_s, steering.backward_speed_rad_s
+    assert np.count_nonzero([*speeds, *[steering.side_speed_rad_s] * 2]) == drives
+
+
 def test_a_robot_that_can_drives_sideways_instead_of_turning(config):
     for sideways in (True, False):
         still = {} if sideways else {"leftwards": primitive(0.0, 0.0, 0.0)}
@@ -89,6 +151,10 @@ def test_a_machine_that_cannot_steer_is_refused_with_its_best_motion(config):
     circling = found(left_turn=primitive(0.0, 0.0, 0.0), right_turn=primitive(4e-3, 0.0, -0.1))
     with pytest.raises(UserError, match=r"nothing for left turn, right turn; .*4\.00 mm/s"):
         steered(config, circling)
+    driven = steered(config, circling, directed=False).steering
+    assert driven.forward_speed_rad_s == 700.0
+    assert driven.turn_speed_rad_s == 0.0
+    assert all(map(math.isfinite, driven[:14]))
     one_way = steered(config, found(backwards=primitive(0.0, 0.0, 0.0))).steering
     assert one_way.backward_speed_rad_s == 0.0
 

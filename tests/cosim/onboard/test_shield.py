@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cosim.model.params import SHIELD, TABLE_I
+from cosim.model.params import SHIELD, STEERING, TABLE_I
 from cosim.onboard.estimation import COVARIANCE, ESTIMATE_SIZE, POSE
 from cosim.onboard.shield import (
     FAILURES,
@@ -19,7 +19,19 @@ from cosim.onboard.shield import (
     guard,
     plan_margin,
 )
-from cosim.onboard.steering import COMMAND_SIZE, DRIVE, GOAL_X, HOLD, MODE, RETREAT, SENSE
+from cosim.onboard.steering import (
+    COMMAND_SIZE,
+    COURSE,
+    DRIVE,
+    GOAL_X,
+    HOLD,
+    MODE,
+    RETREAT,
+    SENSE,
+    SPEED,
+    YAW_RATE,
+    steer,
+)
 from cosim.physics.neighbours import LISTS
 
 BOARD = np.array([0.3, 0.3])
@@ -50,14 +62,14 @@ class Robots:
     def positions(self):
         return self.estimates[:, POSE : POSE + 2]
 
-    def guarded(self):
+    def guarded(self, steering=STEERING, shield=SHIELD):
         state, n = (self.commands, self.estimates, self.shields), len(self.commands)
         allowed = (self.obstacles, self.forbidden, self.targets, self.owners)
         lists, ground = (
             np.zeros((3, LISTS, n), dtype=np.int64),
             Ground(self.board, self.margin_m, 0.01, *allowed),
         )
-        guard(*state, 0, n, ground, lists[0], lists[1], lists[2], DIAMETER_M, SHIELD)
+        guard(*state, 0, n, ground, lists[0], lists[1], lists[2], DIAMETER_M, steering, shield)
         return self
 
 
@@ -214,9 +226,13 @@ steps = st.lists(
 )
 
 
+angle = st.floats(-math.pi, math.pi)
+steerings = st.sampled_from([STEERING, STEERING._replace(backward_speed_rad_s=0.0)])
+
+
 @settings(max_examples=60, deadline=None)
-@given(steps, st.floats(1e-6, 2e-3), st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi))
-def test_no_motion_within_the_constants_closes_a_gap(motion, room_m, first, second):
+@given(steps, st.floats(1e-6, 2e-3), angle, angle, steerings)
+def test_no_motion_within_the_constants_closes_a_gap(motion, room_m, first, second, steering):
     """The proof, tried: robots that are not held move as they like, those that are coast.
 
     From a look until it rests no robot moves further than `stopping_m`, half of it in a period.
@@ -228,7 +244,7 @@ def test_no_motion_within_the_constants_closes_a_gap(motion, room_m, first, seco
         for robot in range(2):
             if asked >> robot & 1 and robots.commands[robot, MODE] == HOLD:
                 robots.commands[robot, MODE] = DRIVE  # the policy insists
-        robots.guarded()
+        robots.guarded(steering)
         for robot, (dx, dy) in enumerate([(x, y), (other_x, other_y)]):
             if robots.commands[robot, MODE] != HOLD:
                 coasting[robot] = stride_m
@@ -242,3 +258,40 @@ def test_no_motion_within_the_constants_closes_a_gap(motion, room_m, first, seco
             if robots.commands[robot, MODE] == HOLD:
                 coasting[robot] -= np.linalg.norm(step)
         assert math.dist(*robots.positions) > DIAMETER_M - 1e-12
+
+
+def coast(robots, steering, pivot_m, period_s):
+    """Steer robots for a period: they move as commanded if a motor runs, and turn about a point."""
+    for command, estimate in zip(robots.commands, robots.estimates, strict=True):
+        set_points, pose = np.empty(2), estimate[POSE : POSE + 3]
+        steer(command, *pose, period_s, steering, set_points)
+        if set_points.any():
+            yaw, angle = command[YAW_RATE], pose[2] + command[COURSE]
+            turned = np.exp(1j * pose[2]) * yaw * complex(pivot_m[1], -pivot_m[0])
+            speed = command[SPEED] * np.exp(1j * angle) + turned
+            pose += period_s * np.array([speed.real, speed.imag, yaw])
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.booleans(), st.tuples(*[st.floats(-2e-3, 2e-3)] * 2), angle, angle, st.floats(0.95, 0.999)
+)
+@example(False, (0.0, 0.0), 0.0, math.pi, 0.99)
+@example(False, (2e-3, -2e-3), 0.0, math.pi, 0.99)
+@example(True, (0.0, 0.0), 0.0, math.pi, 0.99)
+def test_every_machine_gets_out_of_the_room_of_another_one(reverses, pivot_m, first, second, share):
+    """Robots of two kinds, that turn on the spot or about a point near it, whatever they face."""
+    speed = STEERING.backward_speed_rad_s if reverses else 0.0
+    steering = STEERING._replace(backward_speed_rad_s=speed, dither_rad_s=0.0)
+    room_m = SHIELD.room_m + (0.0 if reverses else 2.5 * math.hypot(*pivot_m))
+    shield, gap_m = SHIELD._replace(room_m=room_m), share * room_m
+    robots, least_m = apart(KEPT_M + gap_m, first, second), gap_m
+    for _ in range(1500):
+        robots.guarded(steering, shield)
+        coast(robots, steering, pivot_m if not reverses else (0.0, 0.0), 0.02)
+        gap_m = math.dist(*robots.positions) - DIAMETER_M - KEPT_M
+        least_m = min(least_m, gap_m)
+        if gap_m > room_m:
+            break
+    assert gap_m > room_m
+    assert least_m >= 0.0
