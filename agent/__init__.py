@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from agent.moves.worlds import WorldRange
     from agent.training.methods import Method
     from cosim.model.preset import Preset
+    from cosim.simulation.options import AnyWorld
 
 __all__ = ["Policy", "UserError", "load", "methods", "train"]
 
@@ -45,6 +46,7 @@ def train(
     motor_parameters: Mapping[str, float] = {},
     worlds: "WorldRange | None" = None,
     preset: "str | Path | Preset" = PAPER,
+    world: "AnyWorld" = None,
     again: bool = False,
     progress: Progress | None = automatic,
 ) -> "GreedyPolicy":
@@ -65,7 +67,10 @@ def train(
             the built-in one.
         motor_parameters: of the motor FMU while its moves are observed, set through FMI, in its
             units, such as {"J": 5e-9}.
-        preset: machine that is observed, in methods that use moves: a name or a file.
+        preset: machine, by name or file: its robots' size, and in methods that use moves what
+            these do.
+        world: world whose obstacles the policy learns, as file, record or dict of its fields; by
+            default that of the scenario file.
         worlds: ranges from which every walk of the observed moves draws its world, such as
             `agent.envs.ROBUST_WORLDS`; only for the method "moves".
         again: train even if the policy is there.
@@ -76,35 +81,29 @@ def train(
         The policy: `act(observation)`, `save(path)` and what it was trained with, `config`.
 
     Raises:
-        UserError: the scenario or the method is unknown, the seed is negative, or the FMU cannot be
-            used.
+        UserError: the scenario, the machine or the method is unknown, the seed is negative, an
+            argument has no effect on the policy, or the FMU cannot be used.
     """
     from cosim.simulation.ahead import compiling_ahead  # noqa: PLC0415 - numba is slow to import
+    from cosim.simulation.options import Physics  # noqa: PLC0415 - with tyro
 
-    board = find_scenario(scenario)
+    motors: Any = {"motor_fmu": motor_fmu, "motor_parameters": motor_parameters}
+    given: Any = preset  # a record, too, see `Physics`
+    options = Physics(preset=given, **motors)
+    board, _ = options.board(scenario, world)
     with compiling_ahead(board.robots):  # most policies are simulated next
-        from agent.training.methods import best_method, find_method, method_config  # noqa: PLC0415
+        from agent.training.methods import method_config  # noqa: PLC0415
         from agent.training.store import find_or_make  # noqa: PLC0415
 
-        name = best_method(board) if method is None else method
-        chosen = find_method(validate_argument("method", name, str | type(name)))
-        seed = validate_argument("seed", seed, Seed)
-        if seed and chosen.compute is not None:
-            raise UserError(
-                f"seed = {seed} has no effect: method {chosen.name} is computed; leave it out, or "
-                "choose a method that learns, such as moves"
-            )
         config = method_config(
-            chosen,
-            board,
-            seed,
+            validate_argument("method", method, str | type(method)),
+            scenario,
+            validate_argument("seed", seed, Seed),
+            options=options,
+            world=world,
             episodes=validate_argument("episodes", episodes, int | None),
-            motor_fmu=validate_argument("motor_fmu", motor_fmu, Path | None),
-            motor_parameters=validate_argument(
-                "motor_parameters", motor_parameters, tuple[tuple[str, float], ...]
-            ),
             worlds=worlds,
-            preset=preset,
+            alone=True,
             progress=progress or silent,
         )
         again = validate_argument("again", again, bool)

@@ -21,7 +21,6 @@ from cosim.base.jobs import JobKind, Workers, always, run
 from cosim.base.progress import Progress, silent
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
-from cosim.model.scenario_file import find_in_world
 from cosim.simulation.driving import drives, options_for
 from cosim.simulation.options import options_of, resolve
 from cosim.simulation.result import EpisodeResult
@@ -129,11 +128,10 @@ def lines_of(
         physics = {"world": None, **given, **chosen}
         world = physics.pop("world")
         options = options_of("study", physics, *_OF_STUDY)
-        only = None if board is None else options.board(find_in_world(board, world)[0])
-        key = name, only, str(options.preset)
+        only = None if board is None else options.board(board, world)[0]
+        key = name, only, str(options.machine)
         if key not in found:
-            training = {"seed": seed, "preset": options.preset, "progress": progress}
-            found[key] = policy_of(of, only, **training)
+            found[key] = policy_of(of, only, seed=seed, options=options, progress=progress)
         policy = found[key]
         setup = resolve(
             options_for(policy, options),

@@ -16,10 +16,11 @@ from cosim.base.errors import failure, shorten
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of, identity_of
 from cosim.coupling.rl_step import SupportsAct
-from cosim.model.preset import PAPER
 from cosim.model.scenario import Scenario
 from cosim.simulation.driving import SupportsDrive, drives
+from cosim.simulation.options import Physics
 
+_PAPER = Physics()  # the paper's machine and motors
 _OBJECT = "a class without arguments or of an object"
 
 
@@ -63,7 +64,7 @@ def policy_of(
     scenario: Scenario | None = None,
     *,
     seed: int = 0,
-    preset: Any = PAPER,
+    options: Physics = _PAPER,
     progress: Progress = silent,
 ) -> Any:
     """Return the policy, such as a `GreedyPolicy`, that a user names.
@@ -72,7 +73,7 @@ def policy_of(
         given: policy, file, name of a method, "module:Name" of an object or class, or an object
             with `act` or `drive`.
         scenario: in which it acts; a file has its own, and is refused in another one.
-        preset: machine of the moves that a method uses.
+        seed, options: of a method, see `method_config`.
     """
     name = str(given) if isinstance(given, str | Path) else None
     if isinstance(given, GreedyPolicy | ObjectPolicy):
@@ -88,7 +89,7 @@ def policy_of(
         )
     found: Any = given if name is None else METHODS.get(name) or imported("policy", name, _OBJECT)
     if isinstance(found, Method):
-        config = method_config(found, scenario, seed, preset=preset, progress=progress)
+        config = method_config(found, scenario, seed, options=options, progress=progress)
         return find_or_make(config, found, progress=progress)[0]
     drives(found)
     return ObjectPolicy(found, scenario)

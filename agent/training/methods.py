@@ -27,6 +27,7 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.interpretations import Process
 from agent.moves import group, pair
+from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
 from agent.moves.times import fastest_tables
 from agent.moves.worlds import WorldRange, checked_ranges
@@ -36,6 +37,7 @@ from agent.training.policy import (
     PolicyConfig,
     Seed,
     can_plan,
+    require_plannable,
     table_policy,
 )
 from agent.training.settings import LearningConfig, MethodName
@@ -46,15 +48,16 @@ from cosim.base.arguments import (
     unknown,
     validate_argument,
 )
-from cosim.base.command import MotorParameters
 from cosim.base.errors import UserError, failure, shorten
 from cosim.base.progress import Progress, silent
 from cosim.calibration.measuring import calibrated
-from cosim.model.preset import PAPER, Preset
+from cosim.model.preset import PAPER
 from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_in_world
 from cosim.onboard.features import DIRECTION_COUNT
-from cosim.simulation.options import DecisionOptions, Physics
+from cosim.simulation.options import AnyWorld, DecisionOptions, Physics
 
+_PAPER = Physics()  # the paper's machine and motors
 _LARGE_CELLS = 1000  # assumed: of a board on which one robot or two learn on moves by default
 _MAX_TABLES = 1000
 # Fields of a method that its user chooses, with a rule or a function.
@@ -76,6 +79,7 @@ class Method:
     # Whether robots drive through cells, on the observed moves that it uses; None if it uses none
     through: Callable[[Scenario], bool] | None = None
     most_robots: int = 10**6
+    require: Callable[[Scenario], object] = lambda _: None  # refuses boards that are too large
     update: Callable[..., None] | None = None  # see `learner`; None for Q-learning
     tables: int = 1  # of each robot, for `update`
     compute: Callable[[PolicyConfig], GreedyPolicy] | None = None  # None if it is learnt
@@ -166,6 +170,7 @@ METHODS: dict[str, Method] = {
             use="default for 3 to 8 robots",
             settings=_features("h", partner=False),
             through=lambda _: True,
+            require=require_plannable,
             compute=GroupPolicy.computed,
             version=group.VERSION,
         ),
@@ -292,61 +297,96 @@ def best_method(scenario: Scenario) -> str:
 
 
 def method_config(
-    method: str | Method,
-    scenario: Scenario,
+    method: str | Method | None,
+    scenario: str | Path | Scenario,
     seed: int = 0,
     *,
+    options: Physics = _PAPER,
+    world: AnyWorld = None,
+    process: ProcessConfig | None = None,
+    learning: LearningConfig | None = None,
     episodes: int | None = None,
-    motor_fmu: Path | None = None,
-    motor_parameters: MotorParameters = (),
+    moves: ObservedMoves | None = None,
     worlds: WorldRange | None = None,
-    preset: str | Path | Preset = PAPER,
+    alone: bool = False,
     progress: Progress = silent,
 ) -> PolicyConfig:
-    """Return the configuration of a method for a scenario; observe moves that are missing.
+    """Return the configuration of a policy; observe moves that are missing.
+
+    All that make policies call this: board, machine and motors mean the same everywhere.
 
     Args:
+        method: by default the best one for the board.
+        scenario, world: see `Physics.board`; the world's obstacles are all that it learns of it.
         seed: of training; a computed policy has none.
+        options: of them the machine and its motors decide the size of the robots, and the moves of
+            methods that use some.
+        process, learning: settings, by default those of the method.
         episodes: of training, the method's own number by default.
-        motor_fmu, motor_parameters: of the observed moves, by default the built-in one's.
+        moves: observed before.
         worlds: ranges of the worlds that moves are observed in; by default that of the paper.
-        preset: machine that moves are observed of, where the method uses them.
+        alone: whether the options are for this policy alone, and refused where they change nothing.
     """
-    method = find_method(method)
-    for name, value, used in (
-        ("motor_fmu", motor_fmu, method.through),
-        ("motor_parameters", motor_parameters, method.through),
-        ("worlds", worlds, method.through and not method.compute),
-    ):
-        if value and not used:
-            raise UserError(
-                f"{name} has no effect on method {method.name}; leave it out, or choose a method "
-                "that uses it, such as moves"
-            )
+    board, _ = options.board(scenario, world)
+    method = find_method(best_method(board) if method is None else method)
+    observes = method.through is not None and moves is None
+    if worlds is not None and not (observes and method.compute is None):
+        raise _without_effect("worlds", method, "it does not learn from moves that it observes")
+    if alone:
+        _refuse_without_effect(method, board, scenario, seed, options, world, observes)
     if method.compute is not None and episodes is not None:
         raise UserError(
             f"method {method.name} is computed, not trained; leave out the number of episodes, or "
             "choose a method that learns, such as moves"
         )
-    if scenario.robots > method.most_robots:
+    if board.robots > method.most_robots:
         raise UserError(
             f"method {method.name} drives at most {method.most_robots} robots, and scenario "
-            f"{scenario.name} has {scenario.robots}; choose a method that learns"
+            f"{board.name} has {board.robots}; choose a method that learns"
         )
-    process, learning = method.settings(scenario)
-    moves = None
-    if method.through is not None:
-        given: Any = preset  # a record, too, see `Physics`
-        machine = Physics(preset=given, motor_fmu=motor_fmu, motor_parameters=motor_parameters)
+    usual_process, usual_learning = method.settings(board)
+    process, learning = process or usual_process, learning or usual_learning
+    if method.through is not None and moves is None:
+        # Observing takes minutes on a new machine: what will be refused is refused before.
+        method.require(board)
+        optimum.require_paths_alone(build_process(board, process))
+        machine = options.machine
         fmu = machine.fmu(progress)
-        config = machine.config().sized(machine.board(scenario).diameter_m)
+        config = machine.config().sized(board.diameter_m)
         config = calibrated(config, fmu, progress, slower=True)
-        config = config.merged(DecisionOptions(through=method.through(scenario)).tree())
+        config = config.merged(DecisionOptions(through=method.through(board)).tree())
         worlds = None if worlds is None else checked_ranges(worlds, config)
-        moves = cached_moves(config, fmu, progress, worlds, scenario.cell_m)
+        moves = cached_moves(config, fmu, progress, worlds, board.cell_m)
     if episodes is not None:
         learning = replace(learning, episodes=episodes)
     own: dict[str, Any] = {}
     if method.compute is not None:
         seed, own = 0, {"kernel_version": f"{method.name} {method.version}"}
-    return PolicyConfig(scenario, process, learning, Seed.of(seed), moves, method.name, **own)
+    return PolicyConfig(board, process, learning, Seed.of(seed), moves, method.name, **own)
+
+
+def _refuse_without_effect(
+    method: Method,
+    board: Scenario,
+    scenario: str | Path | Scenario,
+    seed: int,
+    options: Physics,
+    world: AnyWorld,
+    observes: bool,
+) -> None:
+    """Refuse what a user gives for a policy alone and does not change it; see `method_config`."""
+    none = "it observes no moves here; moves, fastest and planned do"
+    same = board == find_in_world(scenario, world)[0]  # as of the paper's machine
+    if seed and method.compute is not None:
+        raise _without_effect("seed", method, "it is computed, and nothing is drawn")
+    if world is not None and board == options.board(scenario)[0]:
+        raise _without_effect("world", method, "a policy learns its obstacles, and it has none")
+    if options.preset != PAPER and same and not observes:
+        raise _without_effect("preset", method, f"robots have the same size, and {none}")
+    for name in ("motor_fmu", "motor_parameters"):
+        if getattr(options, name) and not observes:
+            raise _without_effect(name, method, none)
+
+
+def _without_effect(name: str, method: Method, reason: str) -> ConfigError:
+    return ConfigError(f"{name} has no effect on method {method.name}: {reason}; leave it out")

@@ -270,6 +270,17 @@ def can_plan(scenario: Scenario) -> bool:
     return cells <= MOST_CELLS and robots * 2**robots * cells <= MOST_TIMES
 
 
+def require_plannable(scenario: Scenario) -> None:
+    """Refuse a board with too many robots or cells to plan for."""
+    if not can_plan(scenario):
+        robots, cells = scenario.robots, scenario.columns * scenario.rows
+        raise UserError(
+            f"scenario {scenario.name} has {robots} robots on {cells} cells, which is too much "
+            f"to plan for: at most {MOST_CELLS} cells, and with 8 robots {MOST_TIMES // 2048}; "
+            "choose a method that learns, such as moves"
+        )
+
+
 @dataclass(frozen=True, repr=False)
 class GroupPolicy(_OnTimes):
     """Moves of the robots' plans (`agent.moves.group`), which are made while they drive."""
@@ -282,14 +293,7 @@ class GroupPolicy(_OnTimes):
     @classmethod
     def computed(cls, config: PolicyConfig) -> "GroupPolicy":
         """Return the policy of a configuration."""
-        scenario = config.scenario
-        if not can_plan(scenario):
-            robots, cells = scenario.robots, scenario.columns * scenario.rows
-            raise UserError(
-                f"scenario {scenario.name} has {robots} robots on {cells} cells, which is too much "
-                f"to plan for: at most {MOST_CELLS} cells, and with 8 robots {MOST_TIMES // 2048}; "
-                "choose a method that learns, such as moves"
-            )
+        require_plannable(config.scenario)
         policy = cls(config)
         require_paths(policy.process, policy.group.around[:, 0].min(axis=2), alone=True)
         return policy

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from agent.mdp.greedy import GreedyPolicy
-from agent.training.methods import best_method, find_method, method_config
-from agent.training.policy import load_policy
-from agent.training.store import find_or_make
+from agent.study.policies import policy_of
+from agent.training.methods import best_method, find_method
 from agent.web.compiler import Module, compiled
 from agent.web.image import image_of
 from agent.web.playing import Play, deciding, new_play
@@ -24,7 +23,7 @@ from cosim.base.storage import require_suffix, write_whole
 from cosim.model.outcome import BY_RANK
 from cosim.model.params import feet_names, motor_names, mounts_of
 from cosim.model.scenario import Scenario
-from cosim.model.scenario_file import ROUGH, find_in_world
+from cosim.model.scenario_file import ROUGH
 from cosim.onboard.features import distance_thresholds
 from cosim.onboard.steering import HOLD
 from cosim.physics.contact import feet_of
@@ -84,18 +83,23 @@ def write_page(
             f"worlds {' '.join(worlds)}: two have one name, or one is called own, as the page's "
             "first world is; rename a file"
         )
-    board, _ = find_in_world(scenario, options.world)
+    board, _ = options.board(scenario, options.world)
     if board.robots > MOST_ROBOTS:
         raise ConfigError(
             f"scenario {board.name} has {board.robots} robots, but a page plays at most "
             f"{MOST_ROBOTS}; choose another scenario"
         )
     for file in files.values():  # before anything is measured
-        other, world = find_in_world(scenario, file)
+        other, world = options.board(scenario, file)
         options.config(world)  # which refuses what does not fit
         if other != board:
             raise ConfigError(f"{file} has other obstacles; write another page for that world")
-    playing = _policy(options.board(board), options, policy, method, progress)
+    playing = policy_of(
+        policy or find_method(method or best_method(board)),
+        board,
+        options=options,
+        progress=progress,
+    )
     setups = {name: resolve(options, scenario, progress, world=files[name]) for name in files}
     with under_way(progress, "compiling the episode"):
         data = [_world(name, playing, setup, seed) for name, setup in setups.items()]
@@ -103,25 +107,10 @@ def write_page(
     return out.stat().st_size
 
 
-def _policy(
-    scenario: Scenario,
-    options: SimulationOptions,
-    policy: Path | None,
-    method: str | None,
-    progress: Progress,
-) -> GreedyPolicy:
-    if policy is not None:
-        return load_policy(policy, scenario)
-    chosen = find_method(method or best_method(scenario))
-    motors = options.motor_parameters if chosen.through else ()
-    how = {"motor_parameters": motors, "preset": options.preset, "progress": progress}
-    return find_or_make(method_config(chosen, scenario, **how), progress=progress)[0]
-
-
 def module_of(scenario: str, method: str) -> Module:
     """Return the compiled kernels of pages of a scenario and method, with default options."""
     setup = resolve(SimulationOptions(), scenario)
-    policy = _policy(setup.scenario, SimulationOptions(), None, method, silent)
+    policy = policy_of(method, setup.scenario)
     batch, _, module = _begin(policy, setup, 0)
     batch.close()
     return module

@@ -18,6 +18,8 @@ from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
 from cosim.model.world import IDEAL, Tree, World, tree_of
 
+AnyWorld = str | Path | World | Mapping[str, Any] | None  # as a user gives one
+
 
 @dataclass(frozen=True, kw_only=True)
 class Physics:
@@ -79,9 +81,27 @@ class Physics:
                 )
         return find_preset(self.preset).config(world.tree(source), self.tree())
 
-    def board(self, scenario: Scenario) -> Scenario:
-        """See `Preset.board`."""
-        return find_preset(self.preset).board(scenario)
+    @property
+    def machine(self) -> "Physics":
+        """Return the machine and its motors alone: what moves are observed of."""
+        own = {name: getattr(self, name) for name in ("preset", "motor_fmu", "motor_parameters")}
+        return Physics(**own)
+
+    def board(
+        self, scenario: str | Path | Scenario, world: AnyWorld = None
+    ) -> tuple[Scenario, World]:
+        """Return a scenario with robots of the machine's size and the obstacles of its world.
+
+        Args:
+            scenario: name, file or record.
+            world: file, record, or dict of its fields; by default that of the scenario file, else
+                the paper's.
+
+        Returns:
+            It, and its world.
+        """
+        board, world = find_in_world(scenario, world)
+        return find_preset(self.preset).board(board), world
 
     def fmu(self, progress: Progress = silent) -> Path:
         """The motor FMU: the one named, or the built-in one, which is compiled the first time."""
@@ -259,23 +279,21 @@ def resolve(
     scenario: str | Path | Scenario,
     progress: Progress = silent,
     *,
-    world: str | Path | World | Mapping[str, Any] | None = None,
+    world: AnyWorld = None,
     require: Callable[[Scenario], object] | None = None,
     directed: bool = True,
 ) -> Setup:
     """Return the setup of a scenario under options.
 
     Args:
-        world: file, record, or dict of its fields; by default that of the options, else that of the
-            scenario file, else the paper's.
+        world: see `Physics.board`; by default that of the options.
         require: refuses scenarios, for example those that a policy was not trained on, before
             anything is measured.
         directed: whether robots are given directions, which needs a machine that can be steered,
             or set points of their motors.
     """
     given = options.world if world is None else world
-    scenario, world = find_in_world(scenario, given)
-    scenario = options.board(scenario)
+    scenario, world = options.board(scenario, given)
     if require is not None:
         require(scenario)
     name = Path(given).stem if isinstance(given, str | Path) else f"of scenario {scenario.name}"

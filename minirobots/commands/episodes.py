@@ -172,17 +172,8 @@ class Run(Command):
                 f"--train-episodes, --train-seed: method {method.name} is computed, not trained; "
                 "leave them out, or choose a method that learns, such as moves"
             )
-        config = method_config(
-            method,
-            scenario,
-            self.train_seed or 0,
-            episodes=self.train_episodes,
-            # The motors drive the episodes in any case; only moves are observed with them.
-            motor_fmu=self.physics.motor_fmu if method.through else None,
-            motor_parameters=self.physics.motor_parameters if method.through else (),
-            preset=self.physics.preset,
-            progress=progress,
-        )
+        how = {"options": self.physics, "episodes": self.train_episodes, "progress": progress}
+        config = method_config(method, scenario, self.train_seed or 0, **how)
         return find_or_make(config, again=self.again, progress=progress)[:2]
 
 

@@ -21,6 +21,7 @@ from cosim.base.jobs import PROCESSES, THREADS, Where
 from cosim.base.progress import Progress
 from cosim.base.storage import require_suffix
 from cosim.base.table import show_texts
+from cosim.model.preset import PAPER
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario, read_world
 from cosim.simulation.options import DecisionOptions, Physics, SimulationOptions
@@ -69,6 +70,11 @@ class Train(Command):
     given here override it."""
     moves: opt.File | None = None
     """Moves observed by `minirobots moves`: train on them instead of the grid."""
+    preset: opt.PresetName = PAPER
+    world: opt.File | None = None
+    """World (.toml) whose obstacles the agents learn; by default that of the scenario file."""
+    motor_fmu: opt.MotorFmuFile = None
+    motor_parameters: opt.MotorParameters = ()
     where: Where = PROCESSES
     log: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder of event files for TensorBoard, with a folder for each run; by default none. It needs
@@ -105,7 +111,7 @@ class Train(Command):
         from agent.training.runs import Experiment
 
         assert self.out is not None
-        board, moves = find_scenario(self.scenario), self.moves and ObservedMoves.load(self.moves)
+        moves = self.moves and ObservedMoves.load(self.moves)
         method = find_method(self.method or ("moves" if moves else "paper"))
         if method.compute is not None:
             raise ConfigError(
@@ -116,11 +122,20 @@ class Train(Command):
                 f"--moves {self.moves}: no effect on method {method.name}, which does not learn on "
                 "moves; leave it out, or choose --method moves"
             )
-        if method.through and moves is None:
-            moves = method_config(method, board, progress=progress).moves
-        experiment = Experiment(
-            board, self.process, self.learning, self.seed, self.runs, moves, method.name
+        motors = {"motor_fmu": self.motor_fmu, "motor_parameters": self.motor_parameters}
+        config = method_config(
+            method,
+            self.scenario,
+            options=Physics(preset=self.preset, **motors),
+            world=self.world,
+            process=self.process,
+            learning=self.learning,
+            moves=moves,
+            alone=True,
+            progress=progress,
         )
+        settings = config.scenario, config.process, config.learning
+        experiment = Experiment(*settings, self.seed, self.runs, config.moves, config.method)
         how = {"where": self.where, "log": self.log, "progress": progress}
         summary = train_and_evaluate(experiment, self.out, **how)
         more = ", and training.rrd of all runs" if self.runs > 1 else ""

@@ -22,6 +22,7 @@ from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.model.outcome import Outcome
 from cosim.model.scenario_file import find_scenario
+from cosim.simulation.options import Physics
 
 
 def briefly(_):
@@ -125,7 +126,7 @@ def test_moves_are_observed_with_the_motors_and_in_the_worlds_that_are_given(mon
     monkeypatch.setattr(methods, "calibrated", lambda config, *_, slower: config)
     monkeypatch.setattr(methods, "cached_moves", lambda *given: seen.append(given) or moves)
     given = (("J", 5e-9),)
-    assert method_config("moves", find_scenario("1b"), motor_parameters=given).moves == moves
+    assert method_config("moves", "1b", options=Physics(motor_parameters=given)).moves == moves
     assert (seen[0][0].motor.J, seen[0][0].motor_parameters) == (5e-9, given)
     method_config("moves", find_scenario("4"), worlds=WorldRange(restitution=(0.1, 0.2)))
     assert seen[1][3:] == (WorldRange(mu=(0.15, 0.15), restitution=(0.1, 0.2)), 0.01)
