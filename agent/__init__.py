@@ -92,11 +92,13 @@ def train(
     options = Physics(preset=given, **motors)
     board, _ = options.board(scenario, world)
     with compiling_ahead(board.robots):  # most policies are simulated next
-        from agent.training.methods import method_config  # noqa: PLC0415
+        from agent.training.methods import best_method, find_method, method_config  # noqa: PLC0415
         from agent.training.store import find_or_make  # noqa: PLC0415
 
+        name = best_method(board) if method is None else method
+        chosen = find_method(validate_argument("method", name, str | type(name)))
         config = method_config(
-            validate_argument("method", method, str | type(method)),
+            chosen,
             scenario,
             validate_argument("seed", seed, Seed),
             options=options,

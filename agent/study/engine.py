@@ -21,6 +21,7 @@ from cosim.base.jobs import JobKind, Workers, always, run
 from cosim.base.progress import Progress, silent
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_in_world
 from cosim.simulation.driving import drives, options_for
 from cosim.simulation.options import options_of, resolve
 from cosim.simulation.result import EpisodeResult

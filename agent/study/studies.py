@@ -192,7 +192,7 @@ def goals(best: Iterable[Row]) -> Iterator[Goal]:
     """Return whether each goal holds in all of the best method's rows that it is about."""
     rows = [row for row in best if row.episodes > 0]
     for goal, (measured, shield, sign, limit) in _GOALS.items():
-        about = [
+        about: list[tuple[Verdict, Row]] = [
             (_verdict(row.interval(measured), sign, limit), row)
             for row in rows
             if row.shield == shield and getattr(row, measured) is not None
@@ -203,6 +203,7 @@ def goals(best: Iterable[Row]) -> Iterator[Goal]:
             about, key=lambda of: (_VERDICTS.index(of[0]), sign * getattr(of[1], measured))
         )
         value, low, high = row.interval(measured)
+        assert value is not None
         ends: dict[str, Any] = {"low": low, "high": high, "scenario": row.scenario, "mu": row.mu}
         yield Goal(goal=goal, limit=limit, worst=value, **ends, verdict=verdict)
 

@@ -25,7 +25,7 @@ from msgspec import Meta
 from agent.mdp import optimum
 from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import GreedyPolicy
-from agent.mdp.interpretations import Process
+from agent.mdp.interpretations import Process, build_process
 from agent.moves import group, pair
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import cached_moves
