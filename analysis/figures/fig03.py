@@ -17,7 +17,7 @@ from cosim.model.params import STEERING
 
 PRINTED_STEP_UM = 290.0
 _QUARTERS = (0, 90, 180, 270, 360)
-TITLES = {"paper": "resembling the printed Fig. 3", "table_ii": "Tables I and II"}
+TITLES = {"fig_3": "resembling the printed Fig. 3", "table_ii": "Tables I and II"}
 
 
 def _draw_cycle(axes: Axes, motion: Motion, scale: float, unit: str) -> None:
@@ -83,7 +83,7 @@ def drawing_of(result: PlatformResult, drive: str = "") -> Drawing:
         (
             f"The platform that resembles the printed figure moves {other_mm:.2f} mm a turn at "
             f"{numbers['paper_omega_rad_s']:.0f} rad/s with assumed masses and µ = "
-            f"{numbers['paper_mu']:g}.",
+            f"{numbers['fig_3_mu']:g}.",
             f"The robot of Tables I and II moves {step_um:.1f} µm a turn at {omega:.0f} rad/s with "
             f"µ = {mu:g}; with µ = {table.mu[row]:g} it slides above {slip:.0f} rad/s and gets "
             f"ahead above {drift:.0f} rad/s.",

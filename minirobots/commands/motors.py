@@ -48,12 +48,18 @@ class MotorTest(Command):
     test: Annotated[StepTest, tyro.conf.OmitArgPrefixes] = field(default_factory=StepTest)
 
     def run(self, progress: Progress) -> Output:
+        from analysis.figures.fig07 import EARLY_S, drawing_of
         from analysis.motor.step_test import record
+        from analysis.reading.motor_test import read
         from fmus.build import cached_fmu
 
         fmu = self.motor_fmu or cached_fmu("VibrationMotor")
-        record(require_suffix(self.out, ".rrd"), fmu, self.test)
-        return Output({"out": str(self.out)})
+        out = require_suffix(self.out, ".rrd")
+        record(out, fmu, self.test)
+        if self.test.duration < EARLY_S:  # too short for the times of Fig. 7
+            return Output({"out": str(out)}, f"recording: {out}")
+        drawing = drawing_of(*read(out))
+        return Output({"out": str(out)} | drawing.numbers, *drawing.ours, f"recording: {out}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,7 +243,8 @@ class MovePlatform(Command):
         config = find_preset(self.preset).config().having("given", mu=self.mu)
         result = move_platforms(self.cycles, self.omega, config.robot, config.motor)
         result.save(out)
-        table, motions = result.table, {"paper": result.paper, "table_ii": result.table_ii}
+        table, motions = result.table, {"fig_3": result.fig_3, "table_ii": result.table_ii}
+        texts = "assumed platform, resembling the printed Fig. 3", "Tables I and II"
         names = ("mu", "omega_rad_s", "net_speed_m_s")
         steps = {f"{n}_net_displacement_m": float(m.net_displacement_m) for n, m in motions.items()}
         lines = zip(table.mu, table.slip_and_drift_speed_rad_s, table.net_speed_m_s, strict=True)
@@ -251,9 +258,9 @@ class MovePlatform(Command):
                 for mu, (slip, drift), speeds in lines
             ),
             *(
-                f"{name}: {1e6 * motion.net_displacement_m:.2f} um per turn at "
+                f"{text}: {1e6 * motion.net_displacement_m:.2f} um per turn at "
                 f"{motion.omega_rad_s:g} rad/s"
-                for name, motion in motions.items()
+                for text, motion in zip(texts, motions.values(), strict=True)
             ),
             f"results: {out}",
         )

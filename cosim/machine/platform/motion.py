@@ -213,9 +213,9 @@ class SpeedTable(NamedTuple):
 
 
 class PlatformResult(NamedTuple):
-    """The data of Fig. 3, an .npz file in which `paper_mu` is the `mu` of `paper`."""
+    """The data of Fig. 3, an .npz file in which `fig_3_mu` is the `mu` of `fig_3`."""
 
-    paper: Motion  # the platform with a motion like the printed Fig. 3.
+    fig_3: Motion  # of the assumed platform with a motion like the printed figure
     table_ii: Motion
     table: SpeedTable
 

@@ -103,7 +103,7 @@ def test_command_writes_its_table_and_motions(tmp_path, command):
     assert 1e3 * last["table_net_speed_m_s"][1][2] == pytest.approx(2.504, abs=1e-3)
     result = PlatformResult.load(out)
     assert result.table.net_speed_m_s.tolist() == last["table_net_speed_m_s"]
-    assert result.paper.position_m.shape == (3 * POINTS_PER_CYCLE + 1,)
+    assert result.fig_3.position_m.shape == (3 * POINTS_PER_CYCLE + 1,)
 
 
 @pytest.mark.parametrize("omega", [0.0, -900.0, 1152.0])
