@@ -136,7 +136,7 @@ def _driving_force(episode: Episode, *motion: np.ndarray) -> np.ndarray:
     m, r, inertia, g = (episode.parameter(name) for name in ("m", "r", "J", "g"))
     total = np.zeros(len(motion[0]))
     for motor, sin_phi in enumerate((1.0, -1.0)):
-        mount = MotorMount(m, r, inertia, g, 0.0, 0.0, sin_phi)  # forces do not depend on places
+        mount = MotorMount(m, r, inertia, g, 0.0, 0.0, 0.0, sin_phi)  # of whose force only x counts
         states = zip(*(values[:, motor] for values in motion), strict=True)
         total += [motor_force(mount, *map(float, state))[0] for state in states]
     return total
