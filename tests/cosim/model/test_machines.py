@@ -174,13 +174,13 @@ def test_what_a_motor_states_is_its_own(written):
     """Also where it is the usual value; an option holds for the motors that state nothing of it."""
     usual = MOTOR.replace("axis", f"r = {TABLE_II.r}\naxis")
     for tables in permutations([usual, MOTOR, MOTOR.replace("axis", "r = 0.002\naxis")]):
-        options = Physics(preset=written("".join(tables)), motor_parameters={"r": 0.0015})
+        options = Physics(preset=written("".join(tables)), motor_parameters=(("r", 0.0015),))
         config = options.config()
         assert config.motor.r == 0.0015
         stated = [dict(mount.own).get("r") for mount in config.robot.motors]
         expected = {usual: TABLE_II.r, MOTOR: None}
         assert stated == [expected.get(table, 0.002) for table in tables]
-    options = Physics(preset=written(usual * 2), motor_parameters={"r": 0.0015})
+    options = Physics(preset=written(usual * 2), motor_parameters=(("r", 0.0015),))
     with pytest.raises(UserError, match="r has no effect: every motor of preset mine states its"):
         options.config()
     with pytest.raises(
