@@ -192,7 +192,7 @@ def goals(best: Iterable[Row]) -> Iterator[Goal]:
     """Return whether each goal holds in all of the best method's rows that it is about."""
     rows = [row for row in best if row.episodes > 0]
     for goal, (measured, shield, sign, limit) in _GOALS.items():
-        about = [
+        about: list[tuple[Verdict, Row]] = [
             (_verdict(row.interval(measured), sign, limit), row)
             for row in rows
             if row.shield == shield and getattr(row, measured) is not None
@@ -202,9 +202,9 @@ def goals(best: Iterable[Row]) -> Iterator[Goal]:
         verdict, row = min(
             about, key=lambda of: (_VERDICTS.index(of[0]), sign * getattr(of[1], measured))
         )
-        value, low, high = row.interval(measured)
-        ends: dict[str, Any] = {"low": low, "high": high, "scenario": row.scenario, "mu": row.mu}
-        yield Goal(goal=goal, limit=limit, worst=value, **ends, verdict=verdict)
+        found: Any = dict(zip(("worst", "low", "high"), row.interval(measured), strict=True))
+        found |= {"scenario": row.scenario, "mu": row.mu}
+        yield Goal(goal=goal, limit=limit, verdict=verdict, **found)
 
 
 class RobustnessReport(Report, frozen=True, kw_only=True):

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 import minirobots as mr
 from agent.mdp.config import ProcessConfig
 from agent.training.loop import learn
-from agent.training.methods import computed, find_method, learner
+from agent.training.methods import METHODS, computed, find_method, learner
 from agent.training.policy import Policy
 from agent.training.qlearning import _drawn, compiled_rule
 from agent.training.runs import policy_paths
@@ -61,6 +61,8 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     yield tmp_path
     sys.modules.pop("own_rules", None)
+    for name in [name for name in METHODS if name.startswith("own_rules:")]:
+        del METHODS[name]
 
 
 def kept() -> list[Path]:
