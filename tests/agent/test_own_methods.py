@@ -101,7 +101,8 @@ def test_every_door_makes_the_same_policy(folder, command, tables, settings):
     assert policy.config.process.step_limit == (50 if settings else ProcessConfig.step_limit)
     trained, run = by_commands(command, folder, short=not settings)
     assert trained.config.process == policy.config.process
-    assert trained.digest() == learn(trained.config)[0].digest()
+    if tables == 2:  # the seed is another one: train again
+        assert trained.digest() == learn(trained.config)[0].digest()
     assert (run.config, run.digest()) == (policy.config, policy.digest())
     if settings:  # else the others train as many episodes as the paper
         expected = mr.evaluate(policy, starts=1, **BRIEF).digest
