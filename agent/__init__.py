@@ -52,6 +52,8 @@ def train(
 ) -> "GreedyPolicy":
     """Train a policy, or find it in the cache if this configuration was trained before.
 
+    That of a `Method` of yours is made in every call: its code may have changed.
+
     >>> import minirobots as mr
     >>> mr.train("1a", method="paper", episodes=20_000, progress=None)
     Policy(scenario 1a, 20000 episodes on the grid)

@@ -335,7 +335,7 @@ def test_pointers_of_git_lfs_are_named(tmp_path, read):
 @pytest.mark.long
 def test_recordings_are_known_by_what_determines_the_episode(policy, tmp_path):
     class Local(Upwards):
-        """Cannot be pickled."""
+        """Has no digest."""
 
     def one(name, policy, **options):
         options = {"time_limit": 2.0, "record": "summary", "progress": None} | options

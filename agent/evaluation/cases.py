@@ -69,7 +69,7 @@ class Case:
             indices += (number * available + rng.permutation(available)).tolist()
         return indices[:count]
 
-    @property
+    @cached_property
     def known(self) -> bool:
         """Whether the policy is known by what it decides, so that its episodes can be kept."""
         return identity_of(self.policy) is not None

@@ -1,5 +1,6 @@
 """Policies as studies take them: files, methods by name, and any object with `act` or `drive`."""
 
+from collections.abc import Callable
 from functools import cached_property, partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -41,22 +42,22 @@ class ObjectPolicy:
         """The process in the scenario, for the starts; one feature will do, as it has no tables."""
         return build_process(self.config.scenario, ProcessConfig(features=("x",)))
 
-    def _ask(self, method: str, *given: Any) -> Any:
+    def _ask(self, name: str, method: Callable[[Any], Any], given: Any) -> Any:
         try:
-            return getattr(self.policy, method)(*given)
+            return method(given)
         except (Exception, SystemExit) as error:  # whatever a user's code does
-            raise failure(f"{method} of policy {type(self.policy).__name__}", error) from error
+            raise failure(f"{name} of policy {type(self.policy).__name__}", error) from error
 
     def digest(self) -> str | None:
         """Return what the object is known by, see `identity_of`; None if by nothing."""
-        kind, known = type(self.policy), identity_of(self.policy)
-        return known and digest_of(kind.__module__, kind.__qualname__, known)
+        kind, known = type(self.policy), self._ask("digest", identity_of, self.policy)
+        return None if known is None else digest_of(kind.__module__, kind.__qualname__, known)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or name == "policy":
             raise AttributeError(name)
         found = getattr(self.policy, name)
-        return partial(self._ask, name) if name in ("act", "drive") else found
+        return partial(self._ask, name, found) if name in ("act", "drive") else found
 
 
 def policy_of(

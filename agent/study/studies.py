@@ -202,10 +202,9 @@ def goals(best: Iterable[Row]) -> Iterator[Goal]:
         verdict, row = min(
             about, key=lambda of: (_VERDICTS.index(of[0]), sign * getattr(of[1], measured))
         )
-        value, low, high = row.interval(measured)
-        assert value is not None
-        ends: dict[str, Any] = {"low": low, "high": high, "scenario": row.scenario, "mu": row.mu}
-        yield Goal(goal=goal, limit=limit, worst=value, **ends, verdict=verdict)
+        found: Any = dict(zip(("worst", "low", "high"), row.interval(measured), strict=True))
+        found |= {"scenario": row.scenario, "mu": row.mu}
+        yield Goal(goal=goal, limit=limit, verdict=verdict, **found)
 
 
 class RobustnessReport(Report, frozen=True, kw_only=True):

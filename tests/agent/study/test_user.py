@@ -114,6 +114,12 @@ def test_an_object_is_known_by_the_digest_of_its_class_alone(near_policy):
     class OfTables(Policy):
         """May act otherwise."""
 
+    class Fails(Stubborn):
+        def digest(self):
+            raise KeyError("weights")
+
+    with pytest.raises(UserError, match=r"digest of policy Fails failed \(KeyError: 'weights'\)"):
+        ObjectPolicy(Fails(), NEAR).digest()
     assert ObjectPolicy(Inherits(), NEAR).digest() is None
     assert identity_of(near_policy) == near_policy.digest()
     assert identity_of(OfTables(**vars_of(near_policy))) is None
