@@ -29,7 +29,7 @@ from cosim.onboard.steering import DRIVE, HOLD, PAST
 from cosim.simulation.batch import Batch
 from fmus.build import identity_of_fmu
 
-VERSION = 2  # of observed moves: raise it when their bits change
+VERSION = 3  # of observed moves: raise it when their bits change
 
 # Walks are simulated side by side; their number decides the bits, the number of threads does not.
 # Each has a world of its own where worlds are drawn.
