@@ -32,7 +32,7 @@ from cosim.physics.body_state import PLANE, QUATERNION
 from cosim.physics.trig import sine_cosine, sines_cosines
 from fmus.build import identity_of_fmu
 
-VERSION = 2  # of stopping distances and errors of estimates: raise it when their bits change
+VERSION = 3  # of stopping distances and errors of estimates: raise it when their bits change
 MOST_GAP = 0.5  # assumed: of the robots' diameter; with more there is no way past each other
 _FLOOR = ("motor_spread", "restitution", "floor_tilt_deg", "payload_g", "payload_offset_mm")
 ROBOTS, TRIALS, ROUNDS = 64, 4, 8  # 2048 stops

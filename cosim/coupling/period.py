@@ -37,21 +37,27 @@ from cosim.onboard.steering import (
     pulse,
     steer,
 )
+from cosim.physics.body import at_axis
 from cosim.physics.body_state import (
     NORMALS,
     Q_W,
     V_X,
+    W_X,
     W_Z,
     X,
     Y,
     Z,
     frictions,
     orientation_of,
+    read_vector,
 )
 from cosim.physics.collision import find_near_obstacles, find_near_pairs
+from cosim.physics.lanes import width_of
 from cosim.physics.neighbours import FOUND, Grid, find_near, list_by_cells
-from cosim.physics.properties import feel_patches
-from cosim.physics.rotation import heading
+from cosim.physics.properties import feel_patches, read_params
+from cosim.physics.rotation import Vector, heading, plus, rotation_matrix, to_world
+
+_ONE = width_of(1)
 
 
 @inlined
@@ -264,9 +270,10 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
         samples.integral[row, column, motor] = state.electrical[3 * motors + motor, column]
         samples.omega_dot[row, column, motor] = state.outputs[2 * motors + motor, column]
         samples.noise[row, column, motor] = state.inputs[motors + motor, column]
+    velocity = _axis_velocity(plant, state, column)
     for axis in range(3):
         samples.position[row, column, axis] = body[X + axis]
-        samples.velocity[row, column, axis] = body[V_X + axis]
+        samples.velocity[row, column, axis] = velocity[axis]
     for k in range(4):
         samples.quaternion[row, column, k] = body[Q_W + k]
     samples.yaw_rate[row, column] = body[W_Z]
@@ -291,6 +298,20 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
             # 0; 1, 2; 3, 4, 5 of the lower triangle: xx, xy, yy, x heading, y heading, heading
             samples.covariance[row, column, k * (k + 1) // 2 + i] = estimate[COVARIANCE + 3 * k + i]
     samples.touching_share[row, column] = state.touching[column] / ticks
+
+
+@inlined
+def _axis_velocity(plant: Plant, state: State, column: int) -> Vector:
+    """Velocity of a robot's axis at the height of its centre of mass, world frame, m/s."""
+    contact = plant.body.contact
+    params = read_params(state.properties, column, _ONE, plant.body, contact.feet, contact.z)
+    velocity = read_vector(state.bodies, V_X, column, _ONE)
+    if params.off_axis:
+        omega = read_vector(state.bodies, W_X, column, _ONE)
+        turning = at_axis((0.0, 0.0, 0.0), omega, params)
+        matrix = rotation_matrix(orientation_of(state.bodies[:, column]))
+        velocity = plus(velocity, 1.0, to_world(matrix, turning))
+    return velocity
 
 
 @inlined

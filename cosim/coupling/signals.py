@@ -115,9 +115,10 @@ class Samples(NamedTuple):
     command: Annotated[np.ndarray, "motors"]  # u of Eq. (14) before saturation; NaN if not known
     integral: Annotated[np.ndarray, "motors"]  # of the speed error in the controller; likewise
     disturbance: Annotated[np.ndarray, "motors"]  # torque of input d
-    position: Annotated[np.ndarray, 3]  # centre of mass in the world
+    # of the robot's axis at the height of the centre of mass, in the world
+    position: Annotated[np.ndarray, 3]
     quaternion: Annotated[np.ndarray, 4]  # world from body, (w, x, y, z)
-    velocity: Annotated[np.ndarray, 3]  # in the world
+    velocity: Annotated[np.ndarray, 3]  # of the same, in the world
     yaw_rate: Annotated[np.ndarray, None]
     # normal_mean, friction_mean: forces over the period; friction is the size of the mean vector
     normal_mean: Annotated[np.ndarray, "feet"]
@@ -140,7 +141,7 @@ class RawSamples(NamedTuple):
 
     omega: Annotated[np.ndarray, "motors"]
     theta: Annotated[np.ndarray, "motors"]
-    position: Annotated[np.ndarray, 3]  # of the centre of mass
+    position: Annotated[np.ndarray, 3]  # as of `Samples`
     # Mean over the tick: of a foot that lands, its impulse divided by dt
     normal: Annotated[np.ndarray, "feet"]
     friction: Annotated[np.ndarray, "2 feet"]  # x and y in the body frame of each foot

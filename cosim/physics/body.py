@@ -1,10 +1,10 @@
 """One rigid robot on the floor: Newton–Euler equations (Eq. 2) with contacts at its feet.
 
 Semi-implicit Euler with step dt: velocities first (applied wrench, gyroscopic moment by the
-implicit midpoint rule, contact impulses), then the pose with the new velocities. The centre of
-mass moves in the world frame and the angular velocity is kept in the body frame, so that a free
-body keeps its momenta to rounding. Feet and motors have places relative to the robot's axis, which
-a payload moves off the axis. The caller owns time and forces.
+implicit midpoint rule, contact impulses), then the pose with the new velocities. The velocity is
+the centre of mass's in the world frame and the angular velocity is kept in the body frame, so that
+a free body keeps its momenta to rounding. The position is that of the robot's axis, to which all
+geometry refers: feet, motors, the outline and what sees it. The caller owns time and forces.
 """
 
 import math
@@ -29,6 +29,7 @@ from cosim.physics.rotation import (
     rotated,
     rotation_matrix,
     to_body,
+    to_centre,
     to_world,
 )
 
@@ -177,12 +178,12 @@ def _least(
     if len(feet) == 0:
         return ()
     x, y = feet[0]
-    if params.off_axis:
-        x, y = x - params.centre[0], y - params.centre[1]
-    foot = x, y, params.contact.z
-    gap = body.position[2] + dot(normal, foot)
+    gap = body.position[2] + dot(normal, (x, y, params.contact.z))
     least = allowed_approach(gap, params.inverse_dt)
     if params.bounces:
+        if params.off_axis:
+            x, y = x - params.centre[0], y - params.centre[1]
+        foot = x, y, params.contact.z
         before = body.velocity[2] + dot(cross(normal, body.omega), foot)
         least = impact_speed(gap, before, least, params.restitution, params.inverse_dt)
     least = select(mu[0] < 0.0, -math.inf, least)
@@ -274,10 +275,10 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
         velocity, params.inverse_mass, to_world(world_from_body, plus(total, dt, force))
     )
     turning = plus(omega, 0.5, half_spin)
-    return Body(
-        plus(body.position, dt, velocity),
-        rotated(body.orientation, (dt * turning[0], dt * turning[1], dt * turning[2])),
-        velocity,
-        omega,
-        at,
-    )
+    orientation = rotated(body.orientation, (dt * turning[0], dt * turning[1], dt * turning[2]))
+    position = plus(body.position, dt, velocity)
+    if params.off_axis:  # the axis turns about the centre of mass
+        before = to_centre(world_from_body, params.centre)
+        after = to_centre(rotation_matrix(orientation), params.centre)
+        position = plus(position, 1.0, plus(before, -1.0, after))
+    return Body(position, orientation, velocity, omega, at)

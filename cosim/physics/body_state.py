@@ -13,7 +13,7 @@ from cosim.physics.trig import sine_cosine
 
 # Layout of a body's state, one float64 vector; of many bodies, the rows of an array with a column
 # for each.
-X, Y, Z = 0, 1, 2  # position of the centre of mass, world frame, m
+X, Y, Z = 0, 1, 2  # position of the axis at the height of the centre of mass, world frame, m
 Q_W, Q_X, Q_Y, Q_Z = 3, 4, 5, 6  # quaternion, world from body
 V_X, V_Y, V_Z = 7, 8, 9  # velocity of the centre of mass, world frame, m/s
 W_X, W_Y, W_Z = 10, 11, 12  # angular velocity, body frame, rad/s
@@ -55,7 +55,11 @@ def frictions(bodies: np.ndarray) -> int:
 
 @inlined
 def stand(state: np.ndarray, height_m: float, x_m: float, y_m: float, heading_rad: float) -> None:
-    """Write the state of a robot at rest on its feet, with its centre of mass at a height."""
+    """Write the state of a robot at rest on its feet, with its centre of mass at a height.
+
+    Args:
+        x_m, y_m: place of its axis.
+    """
     for row in range(len(state)):
         state[row] = 0.0
     state[X], state[Y], state[Z] = x_m, y_m, height_m
@@ -73,10 +77,9 @@ def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: floa
 class Body(NamedTuple):
     """State of one robot, or of the robots in the lanes of a vector; see the layout above."""
 
-    # position, velocity: of the centre of mass, world frame, m and m/s
-    position: Vector
+    position: Vector  # of the axis at the height of the centre of mass, world frame, m
     orientation: Quaternion  # world from body
-    velocity: Vector
+    velocity: Vector  # of the centre of mass, world frame, m/s
     omega: Vector  # body frame, rad/s
     at: tuple[Impulse, ...]  # impulses of the feet in the last step, body frame, N s
 

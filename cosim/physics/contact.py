@@ -98,8 +98,8 @@ def foot_positions(robot: RobotParams) -> np.ndarray:
 
 
 def floor_margin(robot: RobotParams, world: World) -> float:
-    """Return how far the centre of mass is from the floor's edge, feet on it, m; 0 without edge."""
-    feet = foot_positions(robot)[:, :2] - mass_of(robot, world).centre
+    """Return how far the robot's axis is from the floor's edge, feet on it, m; 0 without edge."""
+    feet = foot_positions(robot)[:, :2]
     return float(np.linalg.norm(feet, axis=1).max()) if world.edge else 0.0
 
 

@@ -1,8 +1,7 @@
 """Mass, centre and inertia of a robot with its payload; no kernels.
 
-The payload is a point mass at the height of the robot's centre of mass. The body's origin is the
-common centre of mass, (x, y) from the robot's axis. The rim, where robots and obstacles touch,
-stays centred on it (assumed: off by less than half a millimetre for loads of some grams).
+The payload is a point mass at the height of the robot's centre of mass. The common centre of mass
+is (x, y) from the robot's axis; only the equations of motion know it.
 """
 
 from typing import NamedTuple

@@ -233,7 +233,7 @@ def feel_patches(
     feet, order, z = common.contact.feet, common.contact.pairing.order, common.contact.z
     for k in range(len(feet)):
         x, y = feet[k]
-        arm = (x - properties[CENTRE, column], y - properties[CENTRE + 1, column], z)
+        arm = (x, y, z)
         at_x, at_y = bodies[X, column] + dot(axes[0], arm), bodies[Y, column] + dot(axes[1], arm)
         row = MU + order[k]
         own = mu = properties[row + len(feet), column]

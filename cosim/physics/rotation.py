@@ -51,6 +51,13 @@ def to_world(m: Matrix, v: Vector) -> Vector:
 
 
 @inlined
+def to_centre(m: Matrix, centre: tuple[float, float]) -> Vector:
+    """World-frame components of a place (x, y) of the body, as that of the centre of mass."""
+    x, y = centre
+    return m[0][0] * x + m[0][1] * y, m[1][0] * x + m[1][1] * y, m[2][0] * x + m[2][1] * y
+
+
+@inlined
 def to_body(m: Matrix, v: Vector) -> Vector:
     """Body-frame components of a world-frame vector."""
     return (

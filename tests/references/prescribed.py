@@ -26,7 +26,7 @@ from cosim.physics.contact import CONTACT_TOLERANCE
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.lanes import width_of
 from cosim.physics.properties import BodyParams, body_params
-from cosim.physics.rotation import Vector, dot, plus, rotation_matrix
+from cosim.physics.rotation import Vector, dot, plus, rotation_matrix, to_centre
 
 _ONE = width_of(1)
 # Of a state with three feet.
@@ -102,7 +102,8 @@ def solved_out(params: BodyParams) -> BodyParams:
 @kernel
 def energy(state: np.ndarray, params: BodyParams) -> float:
     """Kinetic and potential energy in J."""
-    x, i = (state[0], state[1], state[2]), params.inertia
+    i, matrix = params.inertia, rotation_matrix((state[3], state[4], state[5], state[6]))
+    x = plus((state[0], state[1], state[2]), 1.0, to_centre(matrix, params.centre))
     v = state[V_X], state[V_X + 1], state[V_X + 2]
     w = state[W_X], state[W_X + 1], state[W_X + 2]
     spin = dot((i[0] * w[0], i[1] * w[1], i[2] * w[2]), w) + 2.0 * params.product * w[0] * w[1]

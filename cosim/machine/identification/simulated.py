@@ -41,7 +41,6 @@ from cosim.physics.contact import Pairing, paired
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrenches
 from cosim.physics.lanes import Width, host_lanes, load, store, width_of
 from cosim.physics.properties import (
-    CENTRE,
     BodyParams,
     body_params,
     properties_of,
@@ -49,7 +48,7 @@ from cosim.physics.properties import (
     read_mounts,
     read_params,
 )
-from cosim.physics.rotation import Vector, heading, rotation_matrix
+from cosim.physics.rotation import Vector, heading
 
 LOOKS_S = 0.005  # between simulated poses, which are interpolated
 MOST_PERIODS = 5000  # of a trial at once, whose samples take memory
@@ -289,7 +288,7 @@ def tracks(
         params = body_params(other.robot, other.motors[0], dt_s, world=world)
         properties[:, column] = properties_of(params, motor_mounts(*other))
         shapes[:, column] = params.contact.z, *np.ravel(params.contact.feet)
-        bodies[:, column] = standing_state(other.robot, *params.centre, 0.0)
+        bodies[:, column] = standing_state(other.robot, 0.0, 0.0, 0.0)
     seen = np.zeros((1 + (len(omega) - 1) // every, columns, 3))
     common, pairing = (
         body_params(robot, motors[0], dt_s),
@@ -348,7 +347,7 @@ def _drive(
                 for motor in range(count):
                     turning[count + motor, column] = end[motor, column]
                 if (period + 1) % every == 0:
-                    _observe(bodies, properties, column, seen[(period + 1) // every])
+                    _observe(bodies, column, seen[(period + 1) // every])
 
 
 @unrolled
@@ -397,11 +396,6 @@ def turned(
 
 
 @inlined
-def _observe(bodies: np.ndarray, properties: np.ndarray, column: int, seen: np.ndarray) -> None:
-    body = bodies[:, column]
-    q = orientation_of(body)
-    axes = rotation_matrix(q)
-    x, y = properties[CENTRE, column], properties[CENTRE + 1, column]
-    seen[column, 0] = body[X] - (axes[0][0] * x + axes[0][1] * y)
-    seen[column, 1] = body[Y] - (axes[1][0] * x + axes[1][1] * y)
-    seen[column, 2] = heading(q)
+def _observe(bodies: np.ndarray, column: int, seen: np.ndarray) -> None:
+    seen[column, 0], seen[column, 1] = bodies[X, column], bodies[Y, column]
+    seen[column, 2] = heading(orientation_of(bodies[:, column]))

@@ -21,6 +21,7 @@ from cosim.physics.collision import (
 from cosim.physics.forces import motor_mounts
 from cosim.physics.neighbours import LISTS
 from cosim.physics.properties import body_params, properties_of
+from cosim.physics.rotation import rotation_matrix
 from tests.alone import Constant, CoSimulation, drive
 
 PAIR = PairParams(TABLE_I.diameter_m, TABLE_I.mu_robots, near=2e-3)
@@ -110,6 +111,68 @@ def test_robots_spin_each_other_like_gears_and_rub_unless_they_roll(spin_b, rubs
     a, b = touching_pair(0.0, (0.01, 0.0), (0.0, 0.0), 1.0, spin_b)
     assert push(a, b) > 0.0
     assert (a[12] < 1.0) == (b[12] < spin_b) == (b[8] > 0.0) == rubs
+
+
+places = st.tuples(st.floats(-0.011, 0.011), st.floats(-0.011, 0.011))
+
+
+@given(
+    st.floats(0.0, 6.28),
+    st.tuples(places, places),
+    st.tuples(speeds, speeds, spins),
+    st.tuples(speeds, speeds, spins),
+    st.floats(0.0, 3.0),
+)
+def test_contact_of_rims_off_the_centres_of_mass_keeps_momenta_and_adds_no_energy(
+    angle, centres, motion_a, motion_b, mu
+):
+    """Normals end in the speed that the gap allows, within Coulomb's cone unless it jams."""
+    a, b = touching_pair(angle, motion_a[:2], motion_b[:2], motion_a[2], motion_b[2])
+    a[3], a[6] = np.cos(0.4), np.sin(0.4)
+    machines = [TABLE_I._replace(com_x_m=x, com_y_m=y) for x, y in centres]
+    columns = np.stack(
+        [
+            properties_of(
+                body_params(robot, TABLE_II, TIMING.dt_s),
+                motor_mounts(robot, (TABLE_II, TABLE_II)),
+            )
+            for robot in machines
+        ],
+        axis=1,
+    )
+    normal = np.array([np.cos(angle), np.sin(angle)])
+
+    def balance(bodies: np.ndarray) -> tuple[np.ndarray, float, float, float]:
+        """Linear and angular momentum, energy, and the speed at which rims part."""
+        linear, angular, energy, parting = np.zeros(2), 0.0, 0.0, 0.0
+        for body, centre, sign in zip(bodies.T, centres, (-1.0, 1.0), strict=True):
+            turn = np.array(rotation_matrix(tuple(body[3:7])))[:2, :2]
+            arm, velocity, spin = turn @ centre, body[7:9], body[12]
+            x, y = body[:2] + arm
+            linear += TABLE_I.mass_kg * velocity
+            angular += TABLE_I.mass_kg * (x * velocity[1] - y * velocity[0])
+            angular += BODY.inertia[2] * spin
+            energy += 0.5 * TABLE_I.mass_kg * velocity @ velocity
+            energy += 0.5 * BODY.inertia[2] * spin**2
+            rim = -sign * RADIUS * normal - arm
+            parting += sign * (velocity + spin * np.array([-rim[1], rim[0]])) @ normal
+        return linear, angular, energy, parting
+
+    bodies = np.stack([a, b], axis=1)
+    before = balance(bodies)
+    impulse = push_columns_with(bodies, columns, PAIR._replace(mu=mu))
+    after = balance(bodies)
+    assert after[0] == pytest.approx(before[0], abs=1e-15)
+    assert after[1] == pytest.approx(before[1], abs=1e-15)
+    assert after[2] <= before[2] + 1e-16
+    assert (impulse > 0.0) == (before[3] < -1e-9) or abs(before[3]) < 1e-9
+    if impulse > 0.0:
+        assert after[3] == pytest.approx(0.0, abs=1e-9)
+
+
+@kernel
+def push_columns_with(bodies: np.ndarray, properties: np.ndarray, pair: PairParams) -> float:
+    return push_apart(bodies, properties, 0, 1, pair, BODY.inverse_dt)
 
 
 @kernel

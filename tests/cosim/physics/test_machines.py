@@ -71,7 +71,7 @@ def test_loads_are_those_of_springs(count):
     angles = (2.0 * np.pi / count * (np.arange(count) + 0.5)).tolist()
     robot = TABLE_I._replace(feet=feet(angles, [0.02] * count), com_x_m=0.004, com_y_m=-0.002)
     params = body_params(robot, TABLE_II, DT, tolerance=1e-8)
-    state = standing_state(robot, *params.centre, 0.0)
+    state = standing_state(robot, 0.0, 0.0, 0.0)
     coast(state, params, 20_000)
     places = foot_positions(robot)[:, :2] - params.centre
     rows = np.column_stack([np.ones(count), places]).T
