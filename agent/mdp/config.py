@@ -43,7 +43,8 @@ class ProcessConfig:
     """D of Eq. (11): beyond it the other robot costs nothing (Section III)."""
     features: tuple[Feature, ...] = ("x", "y", "d", "g")
     """What a robot's table is indexed by: x, y, d (Eq. 9), g (Eq. 10), b (bearing of the other),
-    h (the axis that the robot itself faces, forwards or backwards), p (cell of the other)."""
+    h (the axis that the robot itself faces, forwards or backwards; on moves of machines that only
+    drive forwards one of eight headings), p (cell of the other)."""
     target_obstacle: Literal["cell", "disk"] = "cell"
     """Extent of another robot's target as a static obstacle (assumed: its cell)."""
     collision: Literal["cells", "swept"] = "cells"

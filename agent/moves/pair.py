@@ -67,17 +67,24 @@ def _keeps_apart(board: Board, p: int, q: int, p_after: int, q_after: int) -> bo
 
 
 @kernel
-def _sweep(board: Board, order: np.ndarray, free: np.ndarray, value: np.ndarray) -> float:
+def _sweep(
+    board: Board,
+    order: np.ndarray,
+    free: np.ndarray,
+    value: np.ndarray,
+    facings: tuple[int, ...],
+) -> float:
     """Update all states once, in place; return the largest change in s.
 
     Args:
         order: (2, cells) int64, cells of each robot by its time alone, the nearest first.
         free: (cells, cells) bool, cells in which robots may be and continue.
         value: (cells, facings, cells, facings) float32 in s; updated.
+        facings: all of them; a tuple, so that their number is a constant for the compiler.
     """
     after, seconds = board.after, board.seconds
-    cells, facings, changed = after.shape[1], seconds.shape[1], 0.0
-    best, new = np.empty(facings), np.empty((facings, facings))
+    cells, count, changed = after.shape[1], len(facings), 0.0
+    best, new = np.empty(count), np.empty((count, count))
     for state in range(cells * cells):
         p, q = order[0, state // cells], order[1, state % cells]
         if not free[p, q]:
@@ -93,18 +100,18 @@ def _sweep(board: Board, order: np.ndarray, free: np.ndarray, value: np.ndarray)
                 q_after = after[1, q, b]
                 if q_after == BLOCKED or not _keeps_apart(board, p, q, p_after, q_after):
                     continue
-                rest = value[p_after, facing_of(a, facings), q_after, facing_of(b, facings)]
+                rest = value[p_after, facing_of(a, count), q_after, facing_of(b, count)]
                 if rest == np.inf:
                     continue
-                for axis in range(facings):
+                for axis in range(count):
                     time = rest + (0.0 if q_choices == 1 else seconds[b, axis])
                     best[axis] = min(best[axis], time)
-            for axis in range(facings):
+            for axis in range(count):
                 own = 0.0 if p_choices == 1 else seconds[a, axis]
-                for other in range(facings):
+                for other in range(count):
                     new[axis, other] = min(new[axis, other], own + best[other])
-        for axis in range(facings):
-            for other in range(facings):
+        for axis in range(count):
+            for other in range(count):
                 was = value[p, axis, q, other]
                 now = np.float32(new[axis, other])
                 if now != was:
@@ -120,7 +127,8 @@ def solve_pair(process: Process, moves: ObservedMoves) -> PairTimes:
     value = np.full((len(board.at), moves.facings) * 2, np.inf, dtype=np.float32)
     value[np.argwhere(end)[:, 0], :, np.argwhere(end)[:, 1]] = 0.0
     order = alone.min(axis=2).argsort(axis=1, kind="stable")
-    while _sweep(board, order, free, value) > _SETTLED_S:
+    facings = tuple(range(moves.facings))
+    while _sweep(board, order, free, value, facings) > _SETTLED_S:
         pass
     value -= np.where(np.isfinite(alone[0]), alone[0], 0.0).astype(np.float32)[:, :, None, None]
     value -= np.where(np.isfinite(alone[1]), alone[1], 0.0).astype(np.float32)

@@ -10,7 +10,7 @@ import pytest
 from cosim.calibration.measuring import Point, digest, measure_batch
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.params import PAIR, SHIELD, Foot, Mount
+from cosim.model.params import PAIR, SHIELD, Drive, Foot, Mount
 from cosim.model.world import Patch, Sensor, World
 from cosim.simulation.batch import shared
 
@@ -57,6 +57,7 @@ def another(name: str, value: Any) -> Any:
         "robot.motors": (Mount((0.0, 0.01, 0.003), (1.0, 0.0, 0.0)),) * 2,
         "robot.feet": (Foot(0.02, 0.0), Foot(-0.01, 0.01), Foot(-0.01, -0.01)),
         "steering.shares": PAIR[::-1],
+        "steering.drives": (Drive(speed=0.5),) * 4,
     }
     if name in given:
         return given[name]
