@@ -169,13 +169,13 @@ import os, signal, sys, threading
 from numba.core import compiler_lock
 from numba.core.codegen import JITCodeLibrary
 from cosim.base.errors import run_command
-usual, end_event = JITCodeLibrary._object_compiled_hook, compiler_lock.ev.end_event
-def again(*arguments):
+usual, release = JITCodeLibrary._object_compiled_hook, compiler_lock._CompilerLock.release
+def again(lock):
     os.kill(os.getpid(), signal.SIGTERM)
-    end_event(*arguments)
+    release(lock)
 def interrupted(module, content):
     os.kill(os.getpid(), signal.SIGTERM)
-    compiler_lock.ev.end_event = again
+    compiler_lock._CompilerLock.release = again
     usual(module, content)
 JITCodeLibrary._object_compiled_hook = interrupted
 from cosim.base.jit import kernel
