@@ -49,9 +49,9 @@ class Episode {
     return { memory: machine.saved(), time, outcome, periods, paths: [...paths], corners: [...corners] };
   }
 
-  restore({ memory, ...rest }) {
+  restore({ memory, paths, corners, ...rest }) {
     this.machine.restore(memory);
-    Object.assign(this, structuredClone(rest));
+    Object.assign(this, rest, { paths: [...paths], corners: [...corners] });
   }
 
   // Keep what is needed to go back to any moment from one on.
@@ -63,7 +63,7 @@ class Episode {
   // Go back to a moment since the first that is kept, to the control period.
   back(time) {
     if (time >= this.time || !this.past.length) return;
-    const before = this.past.findLast((state) => state.time <= time) ?? this.past[0], { ticks, dt_s } = this.facts;
+    const before = this.past.filter((state) => state.time <= time).at(-1) ?? this.past[0], { ticks, dt_s } = this.facts;
     this.restore(before);
     const periods = Math.floor((time - before.time) / (ticks * dt_s) + 1e-6);
     if (periods > 0) this.step(periods);
