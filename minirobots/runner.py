@@ -204,11 +204,15 @@ def isolate(command: str, fmu: Path | None) -> None:
     from cosim.fmi.fmu import FmuError
 
     if _CHILD in os.environ:
+        from cosim.base.backends import end_with  # slow to import
+
+        end_with(int(os.environ[_CHILD]))
         return
     line = [sys.executable, "-m", *command.split(), *sys.argv[1:]]
     interrupted: KeyboardInterrupt | None = None
     # A session of its own: a terminal's Ctrl-C reaches the child through this process alone.
-    with subprocess.Popen(line, env=os.environ | {_CHILD: "1"}, start_new_session=True) as child:
+    env = os.environ | {_CHILD: str(os.getpid())}
+    with subprocess.Popen(line, env=env, start_new_session=True) as child:
         while child.poll() is None:
             try:
                 child.wait()

@@ -71,6 +71,14 @@ def python(
     return subprocess.run(command, capture_output=True, text=text, check=check, **options)
 
 
+def lives(pid: int) -> bool:
+    """Return whether a process runs, on Linux; one that nobody waits for has ended all the same."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
 def started(*arguments: object, **options: Any) -> tuple[subprocess.Popen[str], str]:
     """Start Python with these arguments: the process, and the first line that it prints."""
     how: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | options

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from agent.evaluation.rows import Row
 from cosim.base.plotting import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, styled
@@ -87,6 +88,13 @@ def draw_measure(
             legend = panel.get_legend_handles_labels()
             figure.legend(*legend, loc="outside lower center", ncols=fit, fontsize=_LEGEND)
     figure.suptitle(title)
+    return _plain(figure)
+
+
+def _plain(figure: Figure) -> Figure:
+    """Have names of policies stand in a figure as they are: `$` begins no formula."""
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)
     return figure
 
 
@@ -157,4 +165,4 @@ def draw_map(
         panel.set(xlabel=axes[0], ylabel=axes[1])
         figure.colorbar(image, ax=panel, label=QUANTITIES[quantity][0])
     figure.suptitle(title)
-    return figure
+    return _plain(figure)

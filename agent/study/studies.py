@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import msgspec
-from rich.console import Console
-from rich.markdown import Markdown
 
 from agent.evaluation.claims import claim_of
 from agent.evaluation.rows import OF_METHODS, OF_POLICIES, OF_WORLDS, Row
@@ -132,7 +130,7 @@ class TransferReport(Report, frozen=True, kw_only=True):
     def show(self) -> None:
         """Print what `to_markdown` has, in as many tables as the console is wide for."""
         super().show()
-        Console().print(Markdown(self._findings()))
+        print(self._findings())
 
     def _findings(self) -> str:
         last = (

@@ -50,7 +50,10 @@ _PLAIN = {
     TRANSIENT: "yes",
 }
 _FEATURES = "+simd128,+bulk-memory,+sign-ext,+nontrapping-fptoint,+mutable-globals"
-_EXPORTED = ("room", "address_of", "restore_motors", "seed_generator", "fill_uniforms")
+_EXPORTED = (
+    *("room", "address_of", "restore_motors", "seed_generator", "fill_uniforms"),
+    "__global_base",  # where memory begins that outlives a call: below it is the stack
+)
 _FLAGS = ("-target", TARGET, "-mexec-model=reactor", "-msimd128", "-O3", "-g0", "-s", SAME_BITS)
 _MODEL = "VibrationMotors"
 # Functions whose last bits each C library has for itself, as LLVM calls them; log10 counts digits

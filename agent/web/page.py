@@ -20,6 +20,7 @@ from agent.web.playing import Play, deciding, new_play
 from cosim.base.arguments import ConfigError
 from cosim.base.progress import Progress, silent, under_way
 from cosim.base.storage import require_suffix, write_whole
+from cosim.fmi.calls import Addresses
 from cosim.model.outcome import BY_RANK
 from cosim.model.params import feet_names, motor_names, mounts_of
 from cosim.model.scenario import Scenario
@@ -138,8 +139,11 @@ def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str
     assert instance is not None
     cameras = [CAMERA_CHILD + robot for robot in range(n if config.world.camera.rate_hz else 0)]
     keys = [(0, 0), *((0, 1, k) for k in (WORLD_CHILD, *range(n * motors), *cameras, DETOUR_CHILD))]
+    nowhere = play.calls._replace(
+        instances=np.zeros_like(play.calls.instances), functions=Addresses(0, 0, 0)
+    )
     image = image_of(
-        play,
+        play._replace(calls=nowhere),  # without addresses of this process
         motors=np.frombuffer(instance.get_state(), dtype=np.uint8),
         generators=np.zeros((len(keys), 4), dtype=np.uint64),
         keys=np.zeros(3, dtype=np.uint32),
@@ -159,6 +163,7 @@ def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str
         "gravity": GRAVITY,
         "friction": places.ravel().tolist() if equal else [],
         "ticks": config.ticks_per_period,
+        "periods": play.periods,
         "dt_s": config.timing.dt_s,
         "frame_periods": max(1, round(_FRAME_S / config.timing.control_period_s)),
         "path_periods": max(1, round(PATH_SAMPLING_S / config.timing.control_period_s)),

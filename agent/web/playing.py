@@ -75,6 +75,7 @@ class Play(NamedTuple):
 
     decides: Any  # `Tables` or `Times`
     plant: Plant
+    periods: int  # control periods that `step` simulates: n, or less to see what is within it
     state: State
     robots: Robots  # of the state
     samples: Samples  # room for n periods
@@ -116,6 +117,7 @@ def new_play(batch: Batch, episode: RunningEpisode, decides: Any = ()) -> Play:
     return Play(
         decides,
         batch.plant,
+        periods,
         state._replace(sight=np.zeros((frames, columns, NOISE))),
         robots_of(state, 0),
         new_samples(periods, columns, *sizes),
@@ -236,24 +238,24 @@ def plan_all(play: Play) -> int:
 
 @kernel
 def step(play: Play) -> int:
-    """Simulate an RL step in which robots adopt `play.wanted`.
+    """Simulate an RL step, or its beginning, in which robots adopt `play.wanted`.
 
     Returns:
         The rank of its outcome in `cosim.model.outcome`, or MOTORS_FAILED. `state.periods` has the
         number of rows in `play.samples`, less than an RL step when something ended the episode.
     """
-    state, moves = play.state, play.moves
+    state, moves, noise = play.state, play.moves, play.noise[: play.periods]
     if play.plant.shielded:
         adopt(play.rules, play.robots, moves, play.wanted, play.plant.shield)
     else:
         adopt(play.rules, play.robots, moves, play.wanted, None)
-    write_noise(play.noise, play.noise_draws, play.amplitude, play.hold, play.values, play.left)
+    write_noise(noise, play.noise_draws, play.amplitude, play.hold, play.values, play.left)
     for robot in range(len(play.sight_draws)):
         state.cameras[robot, SIGHT] = 0.0
         write_sight(state.sight[:, robot], play.sight_draws[robot], *play.spread)
     state.periods[0] = 0
     status, _ = run_periods(
-        play.plant, state, play.noise, play.samples, play.raw, play.calls, play.width
+        play.plant, state, noise, play.samples, play.raw, play.calls, play.width
     )
     moves.counts[TICK] += state.periods[0] * play.plant.ticks_per_period
     return MOTORS_FAILED if status else conclude(play.rules, play.robots, moves, False)

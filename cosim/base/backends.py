@@ -10,6 +10,8 @@ import pickle
 import re
 import socket
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -22,6 +24,7 @@ from cosim.base.jobs import Workers, always
 ATTEMPTS = 4  # of a task after its worker died; a task that kills every worker must end
 CONNECT_TIMEOUT_S = 10.0  # to a cluster's head
 SCHEMES = ("tcp", "tls", "ws", "wss")  # protocols of a cluster's address; the first by default
+_LOOK_S = 1.0  # time between two looks for the process that began this one
 Deaths = tuple[type[BaseException], ...]
 
 
@@ -45,7 +48,8 @@ def sweep(
         else contextlib.nullcontext((BrokenProcessPool,))
     )
     name = "threading" if backend == "threads" else backend
-    with cluster as deaths, joblib.parallel_config(name):
+    own = {"initializer": end_with, "initargs": (os.getpid(),)} if backend == "loky" else {}
+    with cluster as deaths, joblib.parallel_config(name, **own):
         for _ in range(ATTEMPTS):
             calls = (
                 joblib.delayed(_numbered)(function, *item)
@@ -64,6 +68,21 @@ def sweep(
         f"workers died {ATTEMPTS} times, {len(remaining)} of {len(tasks)} tasks are missing; give "
         "them more memory or fewer jobs, the same command resumes"
     )
+
+
+def end_with(parent: int) -> None:
+    """Have this process end soon after its parent, even if that is killed without a word.
+
+    A worker would wait for its next task for ever. Windows does not tell a process of it.
+    """
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_LOOK_S)
+        os._exit(1)
+
+    if sys.platform != "win32":
+        threading.Thread(target=watch, daemon=True).start()
 
 
 def _require_listener(address: str) -> None:

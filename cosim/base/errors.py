@@ -8,6 +8,7 @@ import re
 import reprlib
 import signal
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO, cast
@@ -16,6 +17,7 @@ USER_ERROR_STATUS = 2
 INTERRUPTED_STATUS = 130
 TERMINATED_STATUS = 143
 BROKEN_PIPE_STATUS = 141
+_BURST_S = 0.3  # in which signals are one request
 
 _FIXES = {
     errno.ENOSPC: "the disk is full; free some space and run again",
@@ -30,6 +32,7 @@ _FIXES = {
     errno.EEXIST: "it exists and is not a folder; choose another place",
     errno.EISDIR: "it is a folder; name a file",
     errno.ENAMETOOLONG: "its name is longer than the file system allows; choose a shorter one",
+    errno.EBADF: "the output is not open for writing; redirect it to a file or a pipe",
     errno.ELOOP: "a symbolic link leads back to itself; correct the link or choose another path",
 }
 _CLONE = Path(__file__).parents[2].joinpath("pyproject.toml").is_file()
@@ -96,6 +99,24 @@ def visible(text: str) -> str:
     return _HIDDEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
+class _Interrupts:
+    """Handler of SIGINT and SIGTERM while a command runs: the first one ends it.
+
+    `timeout` and job systems send several at once, to a process and to its group. One that came
+    while the command ends would leave locks held, and others wait for them. So a SIGTERM counts
+    once; Ctrl-C counts again later, for an end that takes too long.
+    """
+
+    def __init__(self) -> None:
+        self._last_s: float | None = None
+
+    def __call__(self, number: int, _: object) -> None:
+        before_s, self._last_s = self._last_s, time.monotonic()
+        again = number == signal.SIGINT and before_s and self._last_s - before_s > _BURST_S
+        if before_s is None or again:
+            raise KeyboardInterrupt if number == signal.SIGINT else Terminated
+
+
 class _Visible:
     """A text stream that shows names as they are: of what controls a terminal, colours pass."""
 
@@ -119,14 +140,26 @@ def run_command(main: Callable[[], None]) -> None:
     send it, does what Ctrl-C does (recordings are completed, temporary files removed), with status
     143.
     """
-    signal.signal(signal.SIGTERM, _terminate)
-    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    interrupts = _Interrupts()
+    signal.signal(signal.SIGTERM, interrupts)
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, interrupts)
+    _open_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # some terminals have no µ
     out, err = (cast(TextIO, _Visible(stream)) for stream in (sys.stdout, sys.stderr))
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         _run(main)
+
+
+def _open_streams() -> None:
+    """Have what goes to a stream that the shell has closed, as `>&-` does, go nowhere.
+
+    A file that is opened later would get its number, and with it what libraries and children print.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):  # by their numbers
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
 def _run(main: Callable[[], None]) -> None:
@@ -151,7 +184,3 @@ def _run(main: Callable[[], None]) -> None:
         print("interrupted", file=sys.stderr)
         ended = isinstance(interrupt, Terminated)
         sys.exit(TERMINATED_STATUS if ended else INTERRUPTED_STATUS)
-
-
-def _terminate(*_: object) -> None:
-    raise Terminated

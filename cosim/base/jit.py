@@ -36,8 +36,46 @@ LAYERS = (
 TRANSIENT = "MINIROBOTS_TRANSIENT"  # in the environment of a process whose kernels are not kept
 _SETTINGS: Any = config
 _LOGGER = logging.getLogger(__name__)
-_handlers: dict[int, Any] = {}  # of signals that wait; those of the main thread
-_came: list[int] = []
+
+
+class _Held:
+    """Handler of signals that wait, or go to what handled them before.
+
+    It may be left behind where a signal raises an exception while handlers are changed.
+    """
+
+    def __init__(self) -> None:
+        self.holds, self.came, self.usual = False, list[int](), dict[int, Any]()
+
+    def __call__(self, number: int, frame: Any) -> None:
+        if self.holds:
+            self.came.append(number)
+        else:
+            self.usual[number](number, frame)
+
+    def begin(self) -> None:
+        self.came.clear()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            usual = signal.getsignal(number)
+            if callable(usual) and usual is not self:  # else Python has nothing to do with it
+                self.usual[number] = usual
+                signal.signal(number, self)
+        self.holds = True
+
+    def end(self) -> None:
+        self.holds = False
+        for number, usual in self.usual.items():
+            if signal.getsignal(number) is self:
+                signal.signal(number, usual)
+
+    def deliver(self) -> None:
+        if self.came:
+            number = self.came[0]
+            self.came.clear()
+            self.usual[number](number, None)
+
+
+_HELD = _Held()
 
 
 @contextlib.contextmanager
@@ -49,24 +87,15 @@ def interrupts_held() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield  # Python has signals arrive in the main thread
         return
-    outermost = not _handlers
-    if outermost:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            if callable(usual := signal.getsignal(number)):  # else Python has nothing to do with it
-                _handlers[number] = usual
-                signal.signal(number, lambda number, _: _came.append(number))
-    handlers = dict(_handlers)
+    outermost = not _HELD.holds
     try:
+        if outermost:
+            _HELD.begin()
         yield
     finally:
         if outermost:
-            for number, usual in handlers.items():
-                signal.signal(number, usual)
-            _handlers.clear()
-        if _came:
-            number = _came[0]
-            _came.clear()
-            handlers[number](number, None)
+            _HELD.end()
+        _HELD.deliver()
 
 
 class KernelLocator:
@@ -126,9 +155,10 @@ def _compiled(function: Callable, *, kept: bool, **options: bool) -> Any:
 
     def compile_once(signature: tuple) -> Any:
         # numba would compile a function again for every constant that it is given. The compiler's
-        # own lock first: threads hold it while they compile what a kernel calls.
+        # own lock first: threads hold it while they compile what a kernel calls. A signal within
+        # its Python code would leave it locked.
         arguments = tuple(map(types.unliteral, signature))
-        with global_compiler_lock, interrupts_held():
+        with interrupts_held(), global_compiler_lock:
             if kept and TRANSIENT not in os.environ:
                 entry = _kept(dispatcher, lambda: compile_one(arguments))
             else:

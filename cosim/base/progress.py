@@ -89,9 +89,9 @@ def _show(
             if over.wait(_QUIET_S):
                 return
     columns = (
-        rich.TextColumn("[progress.description]{task.description}"),
+        rich.TextColumn("{task.description}", "progress.description", markup=False),
         rich.BarColumn(),
-        rich.TextColumn("{task.fields[state]}"),
+        rich.TextColumn("{task.fields[state]}", markup=False),
         rich.TimeElapsedColumn(),
         rich.TimeRemainingColumn(),
     )

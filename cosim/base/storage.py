@@ -68,6 +68,16 @@ def require_cache(folder: Path) -> None:
         )
 
 
+def require_programs(folder: Path) -> None:
+    """Refuse a folder of the cache from which no machine code can be loaded; raises FileError."""
+    flag = getattr(os, "ST_NOEXEC", 0)  # of Linux
+    if flag and os.statvfs(folder).f_flag & flag:
+        raise FileError(
+            f"{folder}: its file system is mounted with noexec, so that no FMU can be loaded from "
+            f"the cache; set {CACHE} to a folder of another file system"
+        )
+
+
 def lock_open(file: int | IO[bytes], *, wait: bool = True) -> None:
     """Lock an open file or folder until it is closed; on Windows do nothing."""
     if fcntl is not None:

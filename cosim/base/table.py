@@ -41,7 +41,8 @@ def markdown(columns: Columns, rows: Iterable[Any]) -> str:
     """Return a table as Markdown."""
     headings = [column.heading for column in columns]
     lines = [headings, ["---"] * len(headings), *_cells(columns, rows)]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    cells = [[" ".join(cell.replace("|", "\\|").split("\n")) for cell in line] for line in lines]
+    return "\n".join("| " + " | ".join(line) + " |" for line in cells)
 
 
 def show(columns: Columns, rows: Iterable[Any], **layout: Any) -> None:
@@ -68,22 +69,25 @@ def show_texts(
     from rich.cells import cell_len  # noqa: PLC0415 - slow to import
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
 
     console, rows = console or Console(), list(rows)
     columns = list(zip(header, *rows, strict=True))
     widths = [max(map(cell_len, column)) + _BORDER for column in columns]
     left = 1 + sum(min(width, _NAME_WIDTH + _BORDER) for width in widths[:names])
-    rest = list(range(names, len(header)))
-    while rest:
-        shown = [rest.pop(0)]
+    rest, parts = list(range(names, len(header))), 0
+    while rest or not parts:  # once where all columns are names
+        shown, parts = rest[:1], parts + 1
+        del rest[:1]
         while rest and left + sum(widths[k] for k in (*shown, rest[0])) <= console.width:
             shown.append(rest.pop(0))
-        table = Table(title=title)
+        # What is a `Text` has no markup, which names of files may look like.
+        table = Table(title=None if title is None else Text(title, "table.title"))
         for k in (*range(names), *shown):
             justify = "right" if k >= len(header) - numbers else "left"
-            table.add_column(header[k], justify=justify, no_wrap=k >= names, overflow="fold")
+            table.add_column(Text(header[k]), justify=justify, no_wrap=k >= names, overflow="fold")
         for row in rows:
-            table.add_row(*(visible(row[k]) for k in (*range(names), *shown)))
+            table.add_row(*(Text(visible(row[k])) for k in (*range(names), *shown)))
         console.print(table)
         title = None
 

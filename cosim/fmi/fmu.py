@@ -15,7 +15,7 @@ from fmpy.validation import validate_model_description
 
 from cosim.base.errors import UserError
 from cosim.base.reading import refuse_pointer
-from cosim.base.storage import cache_dir, load_or_create
+from cosim.base.storage import cache_dir, load_or_create, require_programs
 
 MAX_BYTES = 2**30  # of all files of an FMU together, unpacked: far more than FMUs hold
 _PART_BYTES = 2**20  # that are read at once
@@ -74,6 +74,7 @@ class Fmu:
         if not (self.folder / "binaries" / fmpy.platform_tuple / library).is_file():
             target = fmpy.platform_tuple
             raise self.refusal(f"has no binary for {target}; export it for this platform")
+        require_programs(self.folder)
         self.variables = {v.name: v for v in self.description.modelVariables}
 
     def refusal(self, what: str) -> FmuError:

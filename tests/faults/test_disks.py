@@ -8,9 +8,13 @@ import subprocess
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from cosim.base.errors import FileError
+from cosim.base.storage import CACHE
+from cosim.fmi.motor import MotorFmu
 from tests.faults.killing import CACHED, REMADE, Case, Workplace, without_progress
 
 DAC_OVERRIDE, DAC_READ_SEARCH, PR_CAPBSET_DROP = 1, 2, 24
@@ -116,6 +120,14 @@ def test_a_place_where_nothing_can_be_written(tmp_path, out, place, name):
     assert re.search(said, errors)
     assert contents() == before
     assert [p for p in tmp_path.rglob("*") if ".tmp-" in p.name] == []
+
+
+def test_a_cache_that_no_fmu_can_be_loaded_from_is_named(out, array_fmu, monkeypatch):
+    if not mounted(out, "20m,noexec"):
+        monkeypatch.setattr(os, "statvfs", lambda _: SimpleNamespace(f_flag=os.ST_NOEXEC))
+    monkeypatch.setenv(CACHE, str(out))
+    with pytest.raises(FileError, match=rf"{out}/.* noexec, .* set {CACHE} to a folder of another"):
+        MotorFmu(array_fmu)
 
 
 @pytest.mark.faults

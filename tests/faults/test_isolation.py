@@ -18,7 +18,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING
 from cosim.model.scenario import Scenario
 from fmus.compiler import FLAGS, compiler_command, fmi_headers, host_target
-from tests.alone import CoSimulation
+from tests.alone import CoSimulation, lives
 
 SCENARIO = """
 columns = 8
@@ -153,6 +153,21 @@ def test_earlier_episodes_are_whole(drive, monkeypatch):
     (episode,) = json.loads((out / "summary.json").read_text())["episodes"]
     assert [path.name for path in (out / "episodes").glob("*.rrd")] == ["ep_000.rrd"]
     assert episode["recording"] == "episodes/ep_000.rrd"
+
+
+@pytest.mark.faults
+def test_the_child_ends_with_a_command_that_is_killed(drive):
+    out, process = drive("none", "--isolate", time_limit=600)
+    while not list((out / "episodes").glob("*.part")):
+        assert process.poll() is None
+        time.sleep(0.05)
+    (child,) = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    process.kill()
+    process.communicate()
+    end_s = time.monotonic() + 60.0
+    while lives(int(child)):
+        assert time.monotonic() < end_s
+        time.sleep(0.1)
 
 
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

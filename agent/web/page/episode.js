@@ -28,7 +28,7 @@ class Episode {
     this.values("cells").set(this.drawStarts().flat().map(BigInt));
     this.fill(1, this.values("varied.draws"));
     if (machine.call("start")) throw new Error("the motors refuse what the world has drawn");
-    Object.assign(this, { time: 0, outcome: 0, periods: 0, paths: this.robots.map(() => 0) });
+    Object.assign(this, { time: 0, outcome: 0, periods: 0, paths: this.robots.map(() => 0), past: [] });
     this.corners = this.robots.map((robot) => this.body(robot, 0, 2));
   }
 
@@ -43,10 +43,36 @@ class Episode {
     }
   }
 
-  // The uniform numbers of the next RL step.
-  draw() {
+  // All that changes, but for what is kept of the past.
+  saved() {
+    const { time, outcome, periods, paths, corners, machine } = this;
+    return { memory: machine.saved(), time, outcome, periods, paths: [...paths], corners: [...corners] };
+  }
+
+  restore({ memory, paths, corners, ...rest }) {
+    this.machine.restore(memory);
+    Object.assign(this, rest, { paths: [...paths], corners: [...corners] });
+  }
+
+  // Keep what is needed to go back to any moment from one on.
+  keep(time) {
+    while (this.past[1]?.time <= time) this.past.shift();
+    this.past.push(this.saved());
+  }
+
+  // Go back to a moment since the first that is kept, to the control period.
+  back(time) {
+    if (time >= this.time || !this.past.length) return;
+    const before = this.past.filter((state) => state.time <= time).at(-1) ?? this.past[0], { ticks, dt_s } = this.facts;
+    this.restore(before);
+    const periods = Math.floor((time - before.time) / (ticks * dt_s) + 1e-6);
+    if (periods > 0) this.step(periods);
+  }
+
+  // The uniform numbers of the next control periods.
+  draw(periods) {
     const { facts, machine } = this, counts = this.values("moves.counts"), detours = this.values("moves.detours");
-    const due = machine.array("noise").shape[0] - Number(this.values("left")[0]), used = Number(counts[facts.used]);
+    const due = periods - Number(this.values("left")[0]), used = Number(counts[facts.used]);
     let generator = 2;
     for (const [name, count] of [["noise_draws", Math.max(0, Math.ceil(due / facts.hold))], ["sight_draws", Infinity]]) {
       const { values, shape: [rows, width] } = machine.array(name);
@@ -58,9 +84,10 @@ class Episode {
     counts[facts.used] = 0n;
   }
 
-  // One RL step; the frames of it.
-  step() {
-    this.draw();
+  // One RL step, or its first control periods; the frames of it.
+  step(periods = this.facts.periods) {
+    this.machine.set("periods", periods);
+    this.draw(periods);
     this.machine.call("decide");
     this.outcome = this.machine.call("step");
     if (this.outcome < 0) throw new Error("the motors failed, or a body is nowhere");
@@ -124,10 +151,14 @@ class Episode {
     return { x, y, heading, goal: [...values.subarray(at, at + 2)], path: this.paths[robot], ...more };
   }
 
-  // Put a robot where there is room; whether there was.
-  place(robot, x, y) {
+  // Put a robot where there is room at a moment, with which the episode continues; whether there was.
+  place(robot, x, y, time) {
+    const last = this.saved();
+    this.back(time);
     this.values("asked").set([robot, x, y]);
-    return this.machine.call("place") > 0;
+    const placed = this.machine.call("place") > 0;
+    placed ? Object.assign(this, { outcome: 0, past: [] }) : this.restore(last);
+    return placed;
   }
 
   // Where the floor falls, as an angle from +x; null on a level one.

@@ -39,6 +39,17 @@ class Machine {
     whole ? view.setBigInt64(at, BigInt(value), true) : view.setFloat64(at, value, true);
   }
 
+  // All that calls change.
+  saved() {
+    const { memory, __global_base } = this.exports;
+    return new Uint8Array(memory.buffer.slice(__global_base.value));
+  }
+
+  restore(saved) {
+    const { memory, __global_base } = this.exports;
+    new Uint8Array(memory.buffer, __global_base.value).set(saved);
+  }
+
   // Call a kernel; returns its whole number.
   call(kernel) {
     const result = this.exports[kernel](this.base + this.layout.record);

@@ -92,7 +92,7 @@ function advance() {
   wall = now;
   if (!playing || asked || last.outcome || last.time - clock >= Math.max(data.step_s, 0.4 * speed)) return;
   asked = true;
-  worker.postMessage({ action: "step" });
+  worker.postMessage({ action: "step", time: clock });
 }
 
 // Where robots are between two frames.
@@ -163,15 +163,17 @@ function enter(world) {
   restart();
 }
 
+// Put a robot elsewhere in the moment that is shown, whatever the worker has computed of its future.
 function place(robot, x, y) {
   setPlaying(false);
-  worker.postMessage({ action: "place", robot, x, y });
+  if (frames[0].outcome) say("The episode has ended; restart it to move robots");
+  else worker.postMessage({ action: "place", robot, x, y, time: clock });
 }
 
 const faster = (by) => ($("speed").value = SPEEDS[SPEEDS.indexOf(Number($("speed").value)) + by] ?? $("speed").value);
 const keys = { " ": toggle, ".": () => $("step").click(), r: () => restart(), "+": () => faster(1), "-": () => faster(-1) };
 const steps = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1] };
-const touched = (event) => (frames.length ? board.robotAt(event, frames[0].robots) : -1);
+const touched = (event) => (frames.length ? board.robotAt(event, between()) : -1);
 
 function listen() {
   $("play").onclick = toggle;
@@ -202,7 +204,7 @@ function listen() {
     const by = steps[event.key];
     if (!by || !frames.length) return;
     event.preventDefault();
-    const { x, y } = frames[0].robots[selected];
+    const { x, y } = between()[selected];
     place(selected, x + by[0] * scenario.cell_m, y + by[1] * scenario.cell_m);
   };
   $("controls").onsubmit = (event) => event.preventDefault();
@@ -227,7 +229,10 @@ function explain() {
 }
 
 // What is shown, for tests.
-window.shown = () => ({ robots: frames[0].robots.map(({ x, y }) => [x, y]), scale: board.scale, origin: board.origin });
+window.shown = () => {
+  const { time, outcome } = frames.at(-1), { scale, origin } = board;
+  return { robots: between().map(({ x, y }) => [x, y]), time: clock, ahead: time - clock, ends: Boolean(outcome), scale, origin };
+};
 
 // An episode as fast as it goes: how it ended, and positions at the end of every RL step.
 window.recordEpisode = (given) =>

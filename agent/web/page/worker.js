@@ -19,13 +19,14 @@ const actions = {
     episode.begin(options);
     post("begun", { frames: episode.still(), downhill: episode.downhill() });
   },
-  step() {
+  step({ time }) {
     if (episode.outcome) return;
+    episode.keep(time);
     const began = performance.now(), before = episode.time, frames = episode.step();
     post("step", { frames, rate: (1000 * (episode.time - before)) / (performance.now() - began) });
   },
-  place({ robot, x, y }) {
-    if (!episode.outcome && episode.place(robot, x, y)) post("placed", { frames: episode.still() });
+  place({ robot, x, y, time }) {
+    if (episode.place(robot, x, y, time)) post("placed", { frames: episode.still() });
   },
   // The rest of an episode as fast as it goes, with the positions at the end of every RL step.
   record() {

@@ -222,7 +222,8 @@ def test_an_arrival_at_the_limit_is_a_success_that_is_cut(mode):
 def test_limits_cut_groups_as_pettingzoo_s_cycles(cosim):
     starts = [[15, 19], [5, 5]]
     rows = RobotsVectorEnv(1, "2", cosim=cosim, ends="own", max_episode_steps=3)
-    decision = {"decision": "period"} if cosim else {}
+    decision: Any = {"decision": "period"} if cosim else {}
+    our_ends: list[Any] = []
     env = envs.parallel_env("2", cosim=cosim, max_cycles=3, **decision)
     rows.reset(seed=0)
     env.reset(seed=0)

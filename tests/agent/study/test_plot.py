@@ -92,6 +92,13 @@ def test_a_map_of_rows_without_episodes_is_empty(quantity):
     assert np.isnan(np.ma.filled(figure.axes[0].images[0].get_array(), np.nan)).all()
 
 
+@pytest.mark.parametrize("axes", [{"mu": [0.1, 0.2]}, {"method": ["$x_$", "$^$"]}])
+def test_names_that_look_like_formulas_are_drawn_as_they_are(axes):
+    figure: Any = table_of(["a$_$b.npz", "${$"], **axes).plot()
+    FigureCanvasAgg(figure).draw()
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a$_$b.npz", "${$"]
+
+
 @pytest.mark.parametrize("policies", [["near", LONG], [f"policy number {k}" for k in range(12)]])
 def test_legends_titles_and_labels_lie_within_the_figure(policies):
     figure: Any = table_of(policies, mu=[0.1, 0.2]).plot()

@@ -2,6 +2,9 @@
 
 import os
 import signal
+import subprocess
+import sys
+import time
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +22,9 @@ from cosim.base.backends import sweep
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
 from cosim.model.scenario_file import find_scenario
-from tests.alone import python
+from tests.alone import lives, python
+
+ROOT = Path(__file__).parents[3]
 
 EXPERIMENT = Experiment(
     find_scenario("2"), ProcessConfig(), LearningConfig(episodes=2000, greedy_points=1), 3, 4
@@ -126,3 +131,38 @@ def test_a_cluster_that_cannot_do_the_work_is_refused(workers, tmp_path, monkeyp
         said = "cannot import own_policy; install it" if workers else "has no workers"
         with pytest.raises(UserError, match=said):
             list(sweep(act, [1, 2], Workers(backend="dask", address=local.scheduler_address)))
+
+
+# A task that ends at once and leaves its worker idle, and one that does not end.
+WAITING = """
+import os, sys, time
+from pathlib import Path
+from cosim.base.backends import sweep
+from cosim.base.jobs import Workers
+
+def work(task):
+    Path(sys.argv[1], str(os.getpid())).touch()
+    time.sleep(600 * task)
+
+if __name__ == "__main__":
+    list(sweep(work, [0, 1, 1], Workers(jobs=3, backend="loky")))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes in /proc")
+def test_workers_end_with_the_process_that_is_killed(tmp_path):
+    script, pids = tmp_path / "waiting.py", tmp_path / "pids"
+    script.write_text(WAITING)
+    pids.mkdir()
+    process = subprocess.Popen(
+        [sys.executable, script, pids], env=os.environ | {"PYTHONPATH": str(ROOT)}
+    )
+    while len(list(pids.iterdir())) < 2:
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.kill()  # it alone, as the out-of-memory killer does
+    process.wait()
+    end_s = time.monotonic() + 60.0
+    while living := [path.name for path in pids.iterdir() if lives(int(path.name))]:
+        assert time.monotonic() < end_s, living
+        time.sleep(0.1)

@@ -21,6 +21,7 @@ from cosim.model.scenario_file import ROUGH
 from cosim.simulation.batch import Batch
 from cosim.simulation.options import Setup, SimulationOptions, resolve
 from cosim.simulation.simulate import draw_episode
+from tests.alone import python
 
 pytestmark = pytest.mark.browser
 PLAY = Path(__file__).with_name("play.js")
@@ -261,6 +262,70 @@ def test_robots_are_dragged_to_where_there_is_room(browser, written):
     page.wait_for_function("document.getElementById('outcome').textContent === 'running'")
     assert page.evaluate("shown().robots") == before
     assert said == []
+
+
+# Pauses the page as soon as the worker is ahead of what is shown, at the end of the episode or not.
+PAUSED = """new Promise((done) => {
+  const look = () => {
+    const { ahead, ends } = shown();
+    if (ahead < 1 || (%s && !ends)) return requestAnimationFrame(look);
+    document.getElementById("play").click();
+    requestAnimationFrame(() => done(shown()));
+  };
+  document.getElementById("play").click();
+  look();
+})"""
+BY_HAND = "document.getElementById('outcome').textContent === 'running, changed by hand'"
+
+
+def test_changes_act_on_the_moment_that_is_shown(browser, written):
+    page, said = opened(browser, written("pair")[0])
+    page.focus("#board")
+    for last, speed in (("false", "10"), ("true", "60")):  # the worker has computed the end then
+        page.keyboard.press("r")
+        page.wait_for_function("document.getElementById('outcome').textContent === 'running'")
+        page.select_option("#speed", speed)
+        before = page.evaluate(PAUSED % last)
+        assert before["ahead"] > 0.5
+        page.keyboard.press("ArrowUp")
+        page.keyboard.press("ArrowLeft")
+        page.wait_for_function(BY_HAND)
+        page.wait_for_timeout(200)
+        after = page.evaluate("shown()")
+        assert 0.0 <= before["time"] - after["time"] < 0.0011  # a control period
+        assert after["ahead"] == 0.0
+        moved, other = map(math.dist, before["robots"], after["robots"])
+        assert 0.009 < moved < 0.015  # one cell up or to the left, or both
+        assert other < 2e-4  # vibrations between two pictures
+        page.keyboard.press(".")
+        page.wait_for_function(f"shown().time > {after['time'] + 1.0}")
+    assert said == []
+
+
+def test_an_episode_that_has_ended_says_so_to_who_moves_robots(browser, written):
+    page, said = opened(browser, written("pair")[0])
+    page.select_option("#speed", "60")
+    page.focus("#board")
+    page.keyboard.press("Space")
+    page.wait_for_function("shown().ends && shown().ahead === 0")
+    page.keyboard.press("ArrowUp")
+    assert "has ended; restart it" in page.inner_text("#error")
+    page.keyboard.press("r")
+    page.wait_for_function("document.getElementById('error').hidden")
+    assert said == []
+
+
+def test_pages_are_equal_wherever_they_are_written(written, tmp_path):
+    path, _ = written("pair")
+    script = (
+        "import sys; from pathlib import Path; from agent.web.page import write_page;"
+        "write_page(Path(sys.argv[1]), '4', method='shortest')"
+    )
+    pages = [path.read_bytes()]
+    for name in ("a.html", "b.html"):  # processes of their own, with addresses of their own
+        python("-c", script, tmp_path / name, check=True)
+        pages.append((tmp_path / name).read_bytes())
+    assert pages[1] == pages[2] == pages[0]
 
 
 def test_damaged_page_shows_its_error_as_text(browser, written, tmp_path):

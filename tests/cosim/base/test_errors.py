@@ -1,5 +1,6 @@
 """What reaches the terminal: no traceback of an interrupt, no names that control it."""
 
+import io
 import os
 import re
 import signal
@@ -8,9 +9,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
 
+from cosim.base import errors
 from cosim.base.errors import UserError, run_command, visible
-from cosim.base.table import show_texts
+from cosim.base.table import Column, markdown, show_texts
 from tests.alone import python, started
 
 ROOT = Path(__file__).parents[3]
@@ -86,7 +91,7 @@ def test_names_cannot_control_a_terminal(capsys):
     def show():
         print(NAME)
         print(NAME, file=sys.stderr)
-        show_texts(("name",), [(NAME.strip(),)])
+        show_texts(("name", "value"), [(NAME.strip(), "1")])
 
     status, said = ended(show, capsys)
     assert (status, said.err) == (0, SHOWN + "\n")
@@ -98,3 +103,85 @@ def test_json_stays_what_it_was(capsys):
     """Escapes are those of JSON."""
     _, said = ended(lambda: print('{"a": "\u202e\x9f"}'), capsys)
     assert said.out == '{"a": "\\u202e\\u009f"}\n'
+
+
+@pytest.fixture
+def handlers():
+    """Put handlers of signals back."""
+    usual = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in usual.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("handlers")
+@pytest.mark.parametrize(("how", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signals_that_come_together_do_not_disturb_the_end(capsys, how, status):
+    """As `timeout` sends them, to a process and to its group."""
+    done = []
+
+    def main():
+        try:
+            signal.raise_signal(how)
+        finally:
+            signal.raise_signal(signal.SIGTERM)
+            signal.raise_signal(how)
+            done.append("whole")
+
+    found, said = ended(main, capsys)
+    assert (found, done, said.err) == (status, ["whole"], "interrupted\n")
+    signal.raise_signal(signal.SIGTERM)  # while the interpreter ends
+
+
+@pytest.mark.usefixtures("handlers")
+def test_ctrl_c_ends_what_takes_too_long_to_end(capsys, monkeypatch):
+    monkeypatch.setattr(errors, "_BURST_S", 0.0)
+    reached = []
+
+    def main():
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            reached.append("end")
+            signal.raise_signal(signal.SIGINT)
+            reached.append("end of it")
+
+    status, _ = ended(main, capsys)
+    assert (status, reached) == (130, ["end"])
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", "<&- >&- 2>&-"])
+def test_closed_streams_are_no_error(tmp_path, closed):
+    """Nor does a file get their number, in which all that is printed would go."""
+    script = (
+        "import sys; from pathlib import Path; from cosim.base.errors import run_command\n"
+        "from cosim.base.table import show_texts\n"
+        "def main():\n"
+        "    print('said'); print('said', file=sys.stderr); show_texts(['a'], [['b']])\n"
+        "    with Path('file').open('w') as file: file.write(str(file.fileno()))\n"
+        "run_command(main)"
+    )
+    command = ["sh", "-c", f'exec "$0" -c "$1" {closed}', sys.executable, script]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (0, "" if "2" in closed else "said\n")
+    assert int((tmp_path / "file").read_text()) > 2
+
+
+def test_an_output_that_cannot_be_written_is_named():
+    command = ["sh", "-c", 'exec "$0" -m minirobots methods 1</dev/null', sys.executable]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert re.fullmatch("error: the output is not open for writing; .*\n", run.stderr)
+
+
+@given(st.text("[]/\\\\:|ab#_*red bold", max_size=20).filter(str.strip), st.integers(1, 2))
+def test_tables_show_names_as_they_are(name, names):
+    text, plain = io.StringIO(), "".join(name.split())
+    console = Console(file=text, width=100, force_terminal=True, color_system=None)
+    rows = [[name, "1"], ["p[a]/policy.npz", "2"], [":bug:", "[/]"]]
+    show_texts([name, "[b]"], rows, title=name, names=names, console=console)
+    shown = "".join(text.getvalue().split())
+    assert shown.count(plain) >= 3
+    assert all(text in shown for text in ("p[a]/policy.npz", ":bug:", "[/]", "[b]"))
+    header, _, row = markdown([Column(name, str)], [name]).splitlines()
+    assert len(re.findall(r"(?<!\\)\|", header)) == len(re.findall(r"(?<!\\)\|", row)) == 2

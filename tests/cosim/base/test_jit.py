@@ -1,5 +1,6 @@
 """Compiled kernels in the cache: found again, and compiled again where they are damaged."""
 
+import signal
 import tomllib
 from pathlib import Path
 
@@ -7,7 +8,14 @@ import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
-from cosim.base.jit import LAYERS, digest_of_sources, inlined, is_compiled, kernel
+from cosim.base.jit import (
+    LAYERS,
+    digest_of_sources,
+    inlined,
+    interrupts_held,
+    is_compiled,
+    kernel,
+)
 from cosim.base.storage import CACHE
 from tests.alone import python
 
@@ -153,3 +161,70 @@ def test_an_interrupt_within_the_compiler_is_not_lost(tmp_path):
     script.write_text(INTERRUPTED)
     ended = python(script)
     assert (ended.returncode, ended.stderr) == (130, "")
+
+
+# SIGTERM while LLVM tells numba that it has made machine code, and again as numba unlocks.
+AGAIN = """
+import os, signal, sys, threading
+from numba.core import compiler_lock
+from numba.core.codegen import JITCodeLibrary
+from cosim.base.errors import run_command
+usual, release = JITCodeLibrary._object_compiled_hook, compiler_lock._CompilerLock.release
+def again(lock):
+    os.kill(os.getpid(), signal.SIGTERM)
+    release(lock)
+def interrupted(module, content):
+    os.kill(os.getpid(), signal.SIGTERM)
+    compiler_lock._CompilerLock.release = again
+    usual(module, content)
+JITCodeLibrary._object_compiled_hook = interrupted
+from cosim.base.jit import kernel
+def halved(value):
+    return 0.5 * value
+def main():
+    try:
+        kernel(halved)(3.0)
+    finally:
+        free = []
+        lock = compiler_lock.global_compiler_lock._lock
+        thread = threading.Thread(target=lambda: free.append(lock.acquire(timeout=1.0)))
+        thread.start()
+        thread.join()
+        print(free)
+run_command(main)
+"""
+
+
+def test_signals_within_the_compiler_leave_it_unlocked(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(AGAIN)
+    done = python(script)
+    assert (done.returncode, done.stdout, done.stderr) == (143, "[True]\n", "interrupted\n")
+
+
+def test_a_signal_while_handlers_are_put_back_leaves_none_behind(monkeypatch):
+    put, seen = signal.signal, []
+    usual = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    put(signal.SIGINT, signal.default_int_handler)
+    put(signal.SIGTERM, lambda *_: seen.append("term"))
+
+    def interrupted(number, handler):
+        put(number, handler)
+        if number == signal.SIGINT and handler is signal.default_int_handler:
+            signal.raise_signal(signal.SIGINT)
+
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(signal, "signal", interrupted)
+            with pytest.raises(KeyboardInterrupt), interrupts_held():
+                pass
+        signal.raise_signal(signal.SIGTERM)
+        assert seen == ["term"]
+        with pytest.raises(KeyboardInterrupt), interrupts_held():
+            signal.raise_signal(signal.SIGINT)
+            seen.append("held")
+        assert seen == ["term", "held"]
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        for number, handler in usual.items():
+            put(number, handler)

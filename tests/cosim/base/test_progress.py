@@ -152,3 +152,11 @@ def test_a_notebook_has_a_widget():
             break
     kinds = {kind for output in notebook.cells[0].outputs for kind in output.get("data", {})}
     assert "application/vnd.jupyter.widget-view+json" in kinds
+
+
+def test_bars_show_names_as_they_are():
+    def work(progress, text):
+        progress("p[a]/policy.npz [/]", 1, 3, "[b]1/3 :bug:")
+        wait_for(text, "[b]1/3 :bug:")
+
+    assert "p[a]/policy.npz [/]" in shown(work, terminal=True)
