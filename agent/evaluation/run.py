@@ -15,6 +15,7 @@ from cosim.base.progress import Progress, silent, under_way
 from cosim.base.reading import Kind, read_json
 from cosim.base.storage import write_json
 from cosim.coupling.rl_step import Step, sampled_of
+from cosim.recording.series import warn_of_size
 from cosim.simulation.batch import chosen_driver
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import EpisodeOptions, Setup
@@ -78,6 +79,8 @@ def run_episodes(
     _refuse_other_results(out, summary, policy)
     policy.save(out / "policy.npz")
     recorded = options.record != "none"
+    if options.record != "none":
+        warn_of_size(config, options.record, len(sampled_of(scenario.robots, options.signals)))
     if recorded and log is not None:
         write_training(out / "training.rrd", policy, log, facts)
 

@@ -10,6 +10,8 @@ from agent.evaluation.rows import Row
 from agent.evaluation.statistics import Statistics, interval_text, summarise
 from agent.experiments.variants import Name
 from agent.study.grid import GridReport
+from agent.training.loop import Learnt
+from agent.training.runs import run_name
 from cosim.base.table import show_texts
 
 RESULTS_FILE = "results.json"
@@ -23,6 +25,13 @@ class TrainingSummary(GridReport, frozen=True, kw_only=True):
 
     seconds: float
     out: str
+    training: tuple[Learnt, ...] = ()  # of the runs, in their order
+
+    def show(self) -> None:
+        """Print the tables, and what training has achieved."""
+        super().show()
+        for run, achieved in enumerate(self.training):
+            print(f"training of {run_name(run)}: {achieved}")
 
 
 class VariantResult(msgspec.Struct, frozen=True):

@@ -17,6 +17,7 @@ from agent.experiments.results import (
 )
 from agent.experiments.variants import ExperimentOptions, variants_of
 from agent.study.grid import report_of
+from agent.training.loop import learnt
 from agent.training.recording import require_tensorboard, write_events, write_runs
 from agent.training.runs import RECORDING_FILE, Experiment, make_runs, run_name
 from agent.training.store import POLICY_FILE
@@ -53,7 +54,8 @@ def train_and_evaluate(
         facts = {"scenario": scenario, "seed": experiment.seed}
         write_runs(out / RECORDING_FILE, [curves for _, curves in results], facts)
     named = ((f"{run_name(k)}/{POLICY_FILE}", policy) for k, (policy, _) in enumerate(results))
-    facts = {"seed": experiment.seed, "seconds": seconds, "out": str(out)}
+    achieved = tuple(learnt(policy.config, curves) for policy, curves in results)
+    facts = {"seed": experiment.seed, "seconds": seconds, "out": str(out), "training": achieved}
     summary = report_of(named, TrainingSummary, **facts)
     write_json(out / SUMMARY_FILE, summary)
     return summary

@@ -104,12 +104,14 @@ def build_process(scenario: Scenario, config: ProcessConfig, facings: int = AXIS
     if scenario.robots * state_count > MAX_STATES:
         raise UserError(
             f"scenario {scenario.name}: the robots' tables have {scenario.robots * state_count:,} "
-            f"states, more than {MAX_STATES:,}; choose fewer features, robots or cells"
+            f"states, more than {MAX_STATES:,}; choose fewer robots, cells or features "
+            "(`minirobots train --process.features`)"
         )
     if strides["p"] and state_count > MAX_JOINT_STATES:
         raise UserError(
             f"scenario {scenario.name}: feature p makes a robot's table {state_count:,} states "
-            f"large, more than {MAX_JOINT_STATES:,}; leave p out or choose a smaller board"
+            f"large, more than {MAX_JOINT_STATES:,}; choose a smaller board, or a method without "
+            "this feature, such as moves"
         )
     return Process(
         terrain=terrain,

@@ -5,9 +5,11 @@ The compiled loops are `agent.training.qlearning` and `moves_qlearning`; where r
 cannot change its bits.
 """
 
+import math
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from scipy.spatial.distance import pdist
 
@@ -40,6 +42,8 @@ from cosim.model.outcome import Outcome
 # Learning curves evaluate up to this many of the `joint_starts`, evenly spaced if there are more.
 MAX_CURVE_STARTS = 5_000
 CHUNK_EPISODES = 50_000  # about 0.1 s: progress moves and Ctrl-C answers
+_GOOD = 0.95  # assumed: success of a training that needs no remark
+_RISE = 0.01  # and the rise of success over a tenth of it up to which it has converged
 _FILE = Kind("file of learning curves", "train again")
 
 
@@ -67,6 +71,70 @@ class TrainingLog(NamedTuple):
     def load(cls, path: Path) -> "TrainingLog":
         """Read what `save` wrote."""
         return cls(**read_arrays(path, _FILE, cls._fields))
+
+
+class Learnt(msgspec.Struct, frozen=True, kw_only=True):
+    """What training has achieved at its end, by its learning curves.
+
+    Attributes:
+        success: of the greedy policy on the grid, exact, or on moves as it was trained, over the
+            last tenth of the episodes; None if the curves are empty.
+        where: "on the grid" or "on moves".
+        rise: of the success over the last tenth of the training from the tenth before.
+        converged: whether that is less than a point and what chance explains.
+        episodes, usual: of this training, and the method's own number.
+        epsilon: probability of a random action at the end.
+    """
+
+    success: float | None
+    where: str
+    rise: float
+    converged: bool
+    episodes: int
+    usual: int
+    epsilon: float
+
+    @property
+    def suffices(self) -> bool:
+        """Return whether nothing suggests to train longer or otherwise."""
+        return self.converged and self.success is not None and self.success >= _GOOD
+
+    def __str__(self) -> str:
+        """Return it as a line of text."""
+        if self.success is None:
+            return f"{self.episodes} episodes, too few for a learning curve"
+        how = f", with exploration (ε = {self.epsilon:.2g})" if self.epsilon else ""
+        text = f"success {self.success:.1%} {self.where}{how} after {self.episodes} episodes"
+        if self.suffices:
+            return text
+        state = "no longer rising" if self.converged else f"still rising ({self.rise:+.1%})"
+        if (lacks := self.usual - self.episodes) > 0:
+            return f"{text}, {state}: it lacks {lacks} of the {self.usual} that the method has"
+        fix = "choose another method or other settings" if self.converged else "train longer"
+        return f"{text}, {state}: {fix}"
+
+
+def learnt(config: PolicyConfig, log: TrainingLog) -> Learnt:
+    """Return what a training has achieved, by its learning curves."""
+    exact = config.moves is None and len(log.greedy_success) > 0
+    curve = log.greedy_success if exact else log.success
+    tenth = max(1, len(curve) // 10)
+    last, before = (
+        float(np.mean(part)) if len(part) else 0.0
+        for part in (curve[-tenth:], curve[-2 * tenth : -tenth])
+    )
+    episodes = math.inf if exact else tenth * config.learning.log_window
+    chance = 2.0 * math.sqrt(2.0 * last * (1.0 - last) / episodes)
+    _, usual = find_method(config.method).settings(config.scenario)
+    return Learnt(
+        success=(float(curve[-1]) if exact else last) if len(curve) else None,
+        where="on the grid" if config.moves is None else "on moves",
+        rise=last - before,
+        converged=len(curve) > 1 and last - before < _RISE + chance,
+        episodes=config.learning.episodes,
+        usual=usual.episodes,
+        epsilon=0.0 if exact or not len(curve) else float(log.epsilon[-1]),
+    )
 
 
 def greedy_episodes(config: LearningConfig) -> np.ndarray:

@@ -85,6 +85,21 @@ class Method:
     compute: Callable[[PolicyConfig], GreedyPolicy] | None = None  # None if it is learnt
     version: int = 0  # of what computes it
 
+    def check(self, board: Scenario, process: ProcessConfig | None = None) -> None:
+        """Refuse a board that it cannot drive on, before anything is observed or calibrated.
+
+        `process` is by default that of its settings.
+        """
+        if board.robots > self.most_robots:
+            raise UserError(
+                f"method {self.name} drives at most {self.most_robots} robots, and scenario "
+                f"{board.name} has {board.robots}; choose a method that learns"
+            )
+        self.require(board)
+        tables = build_process(board, process or self.settings(board)[0])
+        if self.through is not None:
+            optimum.require_paths_alone(tables)
+
     @property
     def own(self) -> bool:
         """Whether it is a user's: what it makes is kept for no other process."""
@@ -339,17 +354,10 @@ def method_config(
             f"method {method.name} is computed, not trained; leave out the number of episodes, or "
             "choose a method that learns, such as moves"
         )
-    if board.robots > method.most_robots:
-        raise UserError(
-            f"method {method.name} drives at most {method.most_robots} robots, and scenario "
-            f"{board.name} has {board.robots}; choose a method that learns"
-        )
     usual_process, usual_learning = method.settings(board)
     process, learning = process or usual_process, learning or usual_learning
+    method.check(board, process)
     if method.through is not None and moves is None:
-        # Observing takes minutes on a new machine: what will be refused is refused before.
-        method.require(board)
-        optimum.require_paths_alone(build_process(board, process))
         machine = options.machine
         fmu = machine.fmu(progress)
         config = machine.config().sized(board.diameter_m)

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import warnings
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -95,14 +95,14 @@ class RecordingData:
     properties: dict[str, dict[str, Any]]  # by their name, such as "episode", then by key
 
 
-def read_rrd(path: Path) -> RecordingData:
-    """Read a recording on the timeline `sim_time`."""
+def read_rrd(path: Path, without: Sequence[str] = ()) -> RecordingData:
+    """Read a recording on the timeline `sim_time`, `without` some entities, such as "/world/**"."""
     part = path.parent / f"{path.name}.part"
     left = not path.exists() and part.is_file()
     fix = f"its writer left {part}, read that" if left else "name an .rrd file"
     require_file(path, Kind("recording", fix))
     try:
-        return _read_whole(path)
+        return _read_whole(path, path, without)
     except (RuntimeError, ValueError) as error:
         broken = error
     with temporary_folder() as folder:
@@ -112,7 +112,7 @@ def read_rrd(path: Path) -> RecordingData:
         run = subprocess.run(command, capture_output=True, check=False)
         if run.returncode == 0 and repaired.is_file():
             try:
-                return _read_whole(repaired, path)
+                return _read_whole(repaired, path, without)
             except (RuntimeError, ValueError) as error:
                 broken = error
     raise FileError(
@@ -120,8 +120,8 @@ def read_rrd(path: Path) -> RecordingData:
     )
 
 
-def _read_whole(file: Path, original: Path | None = None) -> RecordingData:
-    path = original or file
+def _read_whole(file: Path, path: Path, without: Sequence[str]) -> RecordingData:
+    """Read a file, which may be one that was made of the recording at the path."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # rerun warns of a missing footer; `complete` says it
         reader = RrdReader(str(file))
@@ -132,18 +132,23 @@ def _read_whole(file: Path, original: Path | None = None) -> RecordingData:
             raise FileError(f"{path} holds {len(entries)} recordings; name a file with one")
         try:
             reader.store()
-            complete = original is None
+            complete = file == path
         except (RuntimeError, ValueError):  # it has no footer
             complete = False
-        chunks = reader.stream().to_chunks()
-    return read_chunks(chunks, entries[0].recording_id, path, complete)
+        stream = reader.stream()
+        for entities in without:
+            stream = stream.drop(content=entities)
+        return read_chunks(stream, entries[0].recording_id, path, complete)
 
 
 def read_chunks(
     chunks: Iterable[Chunk], recording_id: str, path: Path | None = None, complete: bool = True
 ) -> RecordingData:
-    """Read all chunks of a recording, as `read_rrd` does those of a file."""
-    moving: dict[tuple[str, str], list[pa.RecordBatch]] = defaultdict(list)
+    """Read all chunks of a recording, as `read_rrd` does those of a file.
+
+    Each becomes arrays at once, so that no more than one is in memory twice.
+    """
+    moving: dict[tuple[str, str], list[tuple[np.ndarray, np.ndarray]]] = defaultdict(list)
     fixed: dict[str, dict[str, list[Any]]] = defaultdict(dict)
     for chunk in chunks:
         batch = chunk.to_record_batch()
@@ -152,15 +157,15 @@ def read_chunks(
             fixed[chunk.entity_path] |= {name: row for name, row in values.items() if row}
         elif TIMELINE in batch.schema.names:
             for column in {*_NUMBERS, *_TEXTS} & {*batch.schema.names}:
-                moving[chunk.entity_path, column].append(batch)
+                moving[chunk.entity_path, column].append(_rows(chunk.entity_path, batch, column))
     signals, texts = {}, {}
-    for (entity, column), batches in sorted(moving.items()):
-        time_s, rows = _in_order(batches, column)
+    for entity, column in sorted(moving):
+        (ending, unit), style = _NUMBERS.get(column, ("", "")), fixed[entity]
+        time_s, values = _joined(entity + ending, moving.pop((entity, column)))
         if column in _TEXTS:
-            texts[entity] = Texts(time_s, tuple(row[0] for row in rows.to_pylist()))
+            texts[entity] = Texts(time_s, tuple(values[:, 0].tolist()))
         else:
-            (ending, unit), style = _NUMBERS[column], fixed[entity]
-            values = _values(entity + ending, rows)
+            values = values[:, 0] if values.shape[1] == 1 else values
             components = tuple(style.get("SeriesLines:names", ()))
             unit = unit or str(*style.get("unit", ()))
             signals[entity + ending] = Signal(time_s, values, components, unit)
@@ -174,29 +179,36 @@ def read_chunks(
     return RecordingData(path, recording_id, complete, signals, texts, properties)
 
 
-def _in_order(batches: Iterable[pa.RecordBatch], column: str) -> tuple[np.ndarray, pa.Array]:
-    """Times in s and the column's non-empty rows in order of time."""
-    table = pa.Table.from_batches([batch.select([TIMELINE, column]) for batch in batches])
-    rows = table.column(column).combine_chunks()
-    lengths = rows.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
-    time_s = table.column(TIMELINE).to_numpy() / np.timedelta64(1, "s")
-    kept = np.flatnonzero((lengths > 0) & np.isfinite(time_s))
-    order = kept[np.argsort(time_s[kept], kind="stable")]
-    return time_s[order], rows.take(pa.array(order))
-
-
-def _values(name: str, rows: pa.Array) -> np.ndarray:
-    """Numbers of a signal: (n,), or (n, k) of k components."""
+def _rows(name: str, batch: pa.RecordBatch, column: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times in s (n,) of a column's non-empty rows, and their numbers or texts (n, k)."""
+    rows = batch.column(column)
+    time_s = batch.column(TIMELINE).to_numpy(zero_copy_only=False) / np.timedelta64(1, "s")
+    lengths = rows.value_lengths().to_numpy(zero_copy_only=False)
+    known = (lengths > 0) & np.isfinite(time_s)  # of a row without value the length is NaN
+    if not known.all():
+        time_s, rows = time_s[known], rows.filter(pa.array(known))
+    if column in _TEXTS:
+        found = [row[0] for row in rows.to_pylist()]
+        return time_s, np.array(found, dtype=object).reshape(-1, 1)
     flat = rows.flatten()
     if pa.types.is_fixed_size_list(flat.type):
         flat = flat.flatten()
     values = flat.to_numpy(zero_copy_only=False).astype(np.float64)
-    if not len(rows):
-        return np.zeros(0)
-    if values.size % len(rows):
+    if values.size % max(len(rows), 1):
         raise FileError(f"signal {name} changes its number of components; record it again")
-    values = values.reshape(len(rows), -1)
-    return values[:, 0] if values.shape[1] == 1 else values
+    return time_s, values.reshape(len(rows), -1) if len(rows) else np.zeros((0, 1))
+
+
+def _joined(name: str, parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Times in s and values of all parts of a signal, in order of time."""
+    filled = [part for part in parts if len(part[0])] or parts[:1]
+    if len({values.shape[1] for _, values in filled}) > 1:
+        raise FileError(f"signal {name} changes its number of components; record it again")
+    time_s, values = (np.concatenate(each) for each in zip(*filled, strict=True))
+    if (np.diff(time_s) < 0.0).any():
+        order = np.argsort(time_s, kind="stable")
+        time_s, values = time_s[order], values[order]
+    return time_s, values
 
 
 class Parameter(NamedTuple):
@@ -334,10 +346,13 @@ class Episode:
             shutil.copyfile(self.recording, temporary)
 
 
-def read_episode(recording: Path | Kept) -> Episode:
-    """Read the recording of an episode, whole or left by a killed writer, or from memory."""
+def read_episode(recording: Path | Kept, without: Sequence[str] = ()) -> Episode:
+    """Read the recording of an episode, whole or left by a killed writer, or from memory.
+
+    Of a file, entities `without` which the caller can do are left out, such as "/world/**".
+    """
     if isinstance(recording, Path):
-        path, data = recording, read_rrd(recording)
+        path, data = recording, read_rrd(recording, without)
     else:
         path, data = Path("the episode"), read_chunks(recording.chunks, recording.recording_id)
     if "episode" not in data.properties:

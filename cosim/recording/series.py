@@ -5,6 +5,7 @@ Rerun table costs some 35 bytes for any content, so rates decide what a recordin
 docs/performance.md has the sizes.
 """
 
+import logging
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
@@ -15,7 +16,14 @@ from cosim.coupling.rl_step import Step
 from cosim.coupling.signals import Samples
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import ENDS
-from cosim.model.params import TABLE_I, RobotParams, TimingParams, feet_names, motor_names
+from cosim.model.params import (
+    TABLE_I,
+    TIMING,
+    RobotParams,
+    TimingParams,
+    feet_names,
+    motor_names,
+)
 from cosim.onboard.features import DIRECTION_COUNT, DISTANCE_CLASSES, GRADIENT_SIGNS
 from cosim.onboard.steering import MODE_NAMES
 from cosim.physics.rotation import headings
@@ -60,6 +68,10 @@ class PolicyMap(NamedTuple):
     visits: np.ndarray  # decisions made in the cell while learning
 
 
+# Measured; most numbers are compressed to a half. Board and blueprint are what is fixed.
+_ROW_BYTES, _NUMBER_BYTES, _FIXED_BYTES = 28.0, 3.5, 1.1e6
+LARGE_MB = 500.0  # of a recording that is announced
+_LOGGER = logging.getLogger(__name__)
 Level = Literal["summary", "default", "full"]
 
 
@@ -248,6 +260,38 @@ def robot_names(robots: int | Sequence[int]) -> list[str]:
     """Names in entity paths of a number of robots, or of those with some indices: r1 and so on."""
     indices = range(robots) if isinstance(robots, int) else robots
     return [f"r{robot + 1}" for robot in indices]
+
+
+def bytes_per_s(config: CoSimConfig, level: Level, robots: int) -> float:
+    """Return the weight of a recording per simulated second, about, with signals of some robots."""
+    detail, timing = DETAILS[level], config.timing
+    total = robots / detail.pose_s * (_ROW_BYTES + 7 * _NUMBER_BYTES)  # of the scene
+    bursts_s = max(timing.rl_step_s, TIMING.rl_step_s)
+    for signal in signals_of(config.robot, distances=robots > 1, camera=False, full=detail.full):
+        if signal.rate == "burst":
+            per_s = min(detail.burst_s, timing.rl_step_s) / timing.dt_s / bursts_s
+        else:
+            period_s = getattr(detail, f"{signal.rate}_s", math.inf)
+            per_s = 1.0 / min(max(period_s, timing.control_period_s), timing.rl_step_s)
+        total += robots * per_s * (_ROW_BYTES + _NUMBER_BYTES * len(signal.names))
+    return total
+
+
+def warn_of_size(config: CoSimConfig, level: Level, robots: int) -> None:
+    """Warn before recordings that can become large, and say what to do."""
+    limit_s = config.timing.episode_limit_s
+    most, least = (
+        1e-6 * (_FIXED_BYTES + limit_s * bytes_per_s(config, each, robots))
+        for each in (level, "summary")
+    )
+    if most > LARGE_MB and level != "summary":
+        _LOGGER.warning(
+            "the recording of an episode can become %.0f MB large (%.0f s at most); record = "
+            "summary (--record summary) makes it %.0f MB at most, and time_limit or signals less",
+            most,
+            limit_s,
+            math.ceil(least),
+        )
 
 
 class Stretch:

@@ -22,7 +22,7 @@ from cosim.model.world import World
 from cosim.onboard.observing import draw_starts
 from cosim.recording.file import Kept
 from cosim.recording.reader import Episode, read_episode
-from cosim.recording.series import with_bursts
+from cosim.recording.series import warn_of_size, with_bursts
 from cosim.simulation.batch import chosen_driver
 from cosim.simulation.driving import SupportsDrive, drives, options_for
 from cosim.simulation.episode import RunningEpisode
@@ -86,6 +86,7 @@ def simulate(
         report("simulating", episode.time_s, limit_s, state)
 
     kept, sampled = Kept(), sampled_of(scenario.robots, chosen.signals)
+    warn_of_size(config, record, len(sampled))
     facts = run_facts(scenario, seed, fmu, driver) | {"episode": 0, "starts": starts}
     how = Record(kept, facts, record), watch, driver, sampled
     task = Task(scenario, fmu, config, policy, starts, noise_seed, *how)

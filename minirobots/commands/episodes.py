@@ -1,5 +1,6 @@
 """Commands that simulate episodes: a run of them, and one that was recorded, again."""
 
+import logging
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +21,10 @@ from minirobots.runner import Command, Output
 if TYPE_CHECKING:
     from agent.mdp.greedy import GreedyPolicy
     from agent.training.loop import TrainingLog
+    from agent.training.methods import Method
     from cosim.model.scenario import Scenario
+
+_LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +110,7 @@ class Run(Command):
 
     def run(self, progress: Progress) -> Output:
         from agent.evaluation.run import run_episodes
+        from agent.training.loop import learnt
         from cosim.recording.series import with_bursts
         from cosim.simulation.ahead import compiling_ahead
         from cosim.simulation.batch import chosen_driver
@@ -118,6 +123,9 @@ class Run(Command):
                 f"{more[0]} is of a run of other episodes, and would stay next to the new summary; "
                 "choose another --out, or remove it"
             )
+        if self.policy is None and not self.show_config:  # refused before anything is measured
+            board, _ = self.physics.board(self.scenario, self.physics.world)
+            self._method(board).check(board)
         scenario, config, fmu = resolve(self.physics, self.scenario, progress)
         if self.show_config:
             leaves = with_bursts(config, record).leaves().values()
@@ -131,6 +139,9 @@ class Run(Command):
         driver = chosen_driver(self.physics.driver, fmu, setup.config)
         with compiling_ahead(scenario.robots, driver, self.episodes, threads):
             policy, log = self._policy(scenario, progress)
+        achieved = None if log is None else learnt(policy.config, log)
+        if achieved is not None and not achieved.suffices:  # before episodes that take long
+            _LOGGER.warning("training: %s", achieved)
         how = {"log": log, "viewer": viewer, "progress": progress}
         work = {"episodes": self.episodes, "threads": threads}
         results = run_episodes(setup, policy, out, self.physics, **work, **how)
@@ -150,30 +161,36 @@ class Run(Command):
         first = [out / result.recording for result in results[:1] if result.recording]
         learnt_on_grid = log is not None and getattr(policy.config, "method", "") == "paper"
         return Output(
-            {"episodes": results},
+            {"episodes": results, "training": achieved},
             partial(show_texts, (*names, "recording"), rows),
+            *([] if achieved is None else [f"training: {achieved}"]),
             f"results in {out}/: summary.json, policy.npz",
             *(f"open with: {in_shell('rerun')} {path}" for path in first),
             *(["a faster policy: --method fastest --through (docs/methods.md)"] * learnt_on_grid),
         )
 
-    def _policy(
-        self, scenario: "Scenario", progress: Progress
-    ) -> "tuple[GreedyPolicy, TrainingLog | None]":
-        from agent.training.methods import best_method, find_method, method_config
-        from agent.training.policy import load_policy
-        from agent.training.store import find_or_make
+    def _method(self, board: "Scenario") -> "Method":
+        from agent.training.methods import best_method, find_method
 
-        if self.policy is not None:
-            return load_policy(self.policy, scenario), None
-        method = find_method(self.method or best_method(scenario))
+        method = find_method(self.method or best_method(board))
         if method.compute and (self.train_episodes or self.train_seed is not None):
             raise ConfigError(
                 f"--train-episodes, --train-seed: method {method.name} is computed, not trained; "
                 "leave them out, or choose a method that learns, such as moves"
             )
+        return method
+
+    def _policy(
+        self, scenario: "Scenario", progress: Progress
+    ) -> "tuple[GreedyPolicy, TrainingLog | None]":
+        from agent.training.methods import method_config
+        from agent.training.policy import load_policy
+        from agent.training.store import find_or_make
+
+        if self.policy is not None:
+            return load_policy(self.policy, scenario), None
         how = {"options": self.physics, "episodes": self.train_episodes, "progress": progress}
-        config = method_config(method, scenario, self.train_seed or 0, **how)
+        config = method_config(self._method(scenario), scenario, self.train_seed or 0, **how)
         return find_or_make(config, again=self.again, progress=progress)[:2]
 
 

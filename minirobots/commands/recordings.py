@@ -39,7 +39,8 @@ class Inspect(Command):
         from analysis.reading.inspection import inspect_episode
         from cosim.recording.reader import read_episode
 
-        found = inspect_episode(read_episode(self.recording))
+        with under_way(progress, f"reading {self.recording}"):
+            found = inspect_episode(read_episode(self.recording, without=("/world/**",)))
         return Output(found, *_lines(found), partial(_show_tables, found, self.parameters))
 
 
