@@ -69,7 +69,7 @@ class Machine:
         return replace(self, body=body, motors=tuple(_stronger(m, factor) for m in self.motors))
 
     def mirrored(self) -> "Machine":
-        """Return its mirror image at the plane y = 0: motors turn the other way."""
+        """Return its mirror image at the plane y = 0, mirrored by the same speeds of its motors."""
         motors = (
             m
             | {"place_m": _flip(m["place_m"]), "axis": [-m["axis"][0], m["axis"][1], -m["axis"][2]]}
@@ -216,7 +216,7 @@ def broken(draw: st.DrawFn) -> tuple[Machine, str]:
                 (with_foot(place_m=outside), "outside the body"),
                 (with_foot(place_m=[*foot["place_m"], 1e-4]), "above the floor"),
                 (with_foot(mu=-0.1), "mu"),
-                (replace(machine, feet=machine.feet[:1]), "falls over"),
+                (replace(machine, feet=machine.feet[-1:]), "falls over"),
                 (replace(machine, motors=machine.motors[:1] * 9), "motor"),
             ]
         )

@@ -227,8 +227,8 @@ def _where(condition: bool, yes: Impulse, no: Impulse) -> Impulse:
 
 
 @inlined
-def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Body:
-    """The body after dt (Eq. 2).
+def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> tuple[Body, bool]:
+    """The body after dt (Eq. 2), and whether its contacts did not converge within their sweeps.
 
     Args:
         force: applied force without gravity and contacts, body frame, N.
@@ -274,10 +274,11 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
         velocity, params.inverse_mass, to_world(world_from_body, plus(total, dt, force))
     )
     turning = plus(omega, 0.5, half_spin)
-    return Body(
+    end = Body(
         plus(body.position, dt, velocity),
         rotated(body.orientation, (dt * turning[0], dt * turning[1], dt * turning[2])),
         velocity,
         omega,
         at,
     )
+    return end, change >= contact.tolerance
