@@ -6,6 +6,7 @@ else. What a task does is the caller's.
 
 import contextlib
 import multiprocessing
+import os
 import pickle
 import re
 import socket

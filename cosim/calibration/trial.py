@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cosim.coupling.assembly import Motors, SpeedNoise, check_motors, new_plant, robot_properties
-from cosim.coupling.master import CompiledDriver
+from cosim.coupling.master import CompiledDriver, FaultError
 from cosim.coupling.signals import (
     RawSamples,
     Samples,
@@ -134,14 +134,22 @@ class Trial:
     def advance(self, periods: int, ticks: RawSamples | None = None) -> Samples:
         """Simulate some control periods, and return the samples at their ends.
 
-        `ticks` is room for the first ticks, of all columns.
+        A robot that stops before, because it does not stand any more, is a FaultError: the rest of
+        its samples would be zeros.
+
+        Args:
+            ticks: room for the first ticks, of all columns.
         """
         n, columns = len(self.origins_m), self._state.bodies.shape[1]
         samples = new_samples(periods, columns, *self._sizes)
         noise = np.zeros((periods, columns, self._sizes[0]))
         noise[:, :n] = self._noise.draw(periods)
         raw = new_raw_samples(0, columns, *self._sizes) if ticks is None else ticks
-        self._driver.advance(self._plant, self._state, noise, samples, raw)
+        try:
+            self._driver.advance(self._plant, self._state, noise, samples, raw)
+        except FaultError as error:
+            end_s = self.time_s + error.ticks * self._config.timing.dt_s
+            raise error.locate(f"robot {error.column + 1} of a trial", end_s) from None
         self._tick += periods * self._config.ticks_per_period
         return Samples(*(signal[:, :n] for signal in samples))
 

@@ -21,7 +21,14 @@ from fmpy.fmi1 import FMICallException
 from cosim.base.errors import UserError
 from cosim.base.jit import interrupts_held, kernel
 from cosim.coupling.assembly import Motors
-from cosim.coupling.period import begin_period, end_period, restore_ended, sample_tick
+from cosim.coupling.period import (
+    DIVERGED,
+    TIPPED,
+    begin_period,
+    end_period,
+    restore_ended,
+    sample_tick,
+)
 from cosim.coupling.plant import Plant, begin_step, push_bodies, react, step_robots
 from cosim.coupling.signals import RawSamples, Samples, State, aligned, signal_names, sizes_of
 from cosim.fmi.calls import (
@@ -44,26 +51,62 @@ _ONE = width_of(1)
 _CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
 
 
-class NotFiniteError(UserError):
+class FaultError(UserError):
+    """A robot that the model no longer describes.
+
+    Attributes:
+        column: of the robot in the state.
+        ticks: done by the driver in this call until then.
+    """
+
+    def __init__(self, text: str, column: int = 0, ticks: int = 0) -> None:
+        """Keep what is wrong; in the text, {robot} and {time_s} are for `locate`."""
+        super().__init__(text)
+        self.column, self.ticks = column, ticks
+
+    def locate(self, robot: str, time_s: float) -> "FaultError":
+        """Return this error with the robot and the simulated time in its message."""
+        self.args = (str(self).format(robot=robot, time_s=time_s),)
+        return self
+
+
+class NotFiniteError(FaultError):
     """A signal that is no finite number, at the first tick at which it is none."""
 
-    def __init__(self, state: State, tick: int) -> None:
-        values = np.concatenate([state.inputs, state.outputs, state.bodies])
-        size = np.nan_to_num(np.abs(values), nan=np.inf, posinf=np.inf)
-        row, self.column = map(int, np.unravel_index(size.argmax(), size.shape))
-        motors, feet = sizes_of(state)
-        names = signal_names(motor_names(motors), feet)
-        self.signal, self.tick, self.value = names[row], tick, values[row, self.column]
-        robot = self.column + 1
-        super().__init__(f"{self.signal} of robot {robot} is {self.value} after tick {tick}")
 
-    def locate(self, robot: str, time_s: float) -> "NotFiniteError":
-        """Return this error with the robot and the simulated time in its message."""
-        self.args = (
-            f"{self.signal} of {robot} is {self.value} at {time_s:.5f} s of simulated time; choose "
-            "a smaller --dt, or look at its motor FMU and at its world",
-        )
-        return self
+class FallError(FaultError):
+    """A robot that does not stand on its feet any more at the end of a control period."""
+
+
+_FALLS = {
+    TIPPED: "{robot} tips over at {time_s:.2f} s of simulated time; lower its centre of mass, move "
+    "its feet outwards, or drive it slower",
+    DIVERGED: "the contacts of {robot} with the floor are not solved in over 1 % of the time up to "
+    "{time_s:.2f} s; move its feet outwards, lower its centre of mass, or correct its moments of "
+    "inertia",
+}
+
+
+def _not_finite(state: State, tick: int) -> NotFiniteError:
+    values = np.concatenate([state.inputs, state.outputs, state.bodies])
+    size = np.nan_to_num(np.abs(values), nan=np.inf, posinf=np.inf)
+    row, column = map(int, np.unravel_index(size.argmax(), size.shape))
+    motors, feet = sizes_of(state)
+    signal = signal_names(motor_names(motors), feet)[row]
+    return NotFiniteError(
+        f"{signal} of {{robot}} is {values[row, column]} at {{time_s:.5f}} s of simulated time; "
+        "choose a smaller --dt, or look at its motor FMU and at its world",
+        column,
+        tick + 1,
+    )
+
+
+def _refuse_falls(plant: Plant, state: State) -> None:
+    """Raise the first fault that ended an episode."""
+    for column in np.flatnonzero(np.isin(state.events, list(_FALLS))).tolist():
+        if periods := int(state.periods[column // plant.robots]):
+            ticks = periods * plant.ticks_per_period
+            raise FallError(_FALLS[int(state.events[column])], column, ticks)
 
 
 class Driver(ABC):
@@ -119,7 +162,7 @@ class ReferenceDriver(Driver):
                 for k in range(count):
                     for column in np.flatnonzero(state.busy).tolist():
                         if not step_robots(plant, state, column, k, _ONE):
-                            raise NotFiniteError(state, tick)
+                            raise _not_finite(state, tick)
                     push_bodies(plant, state)
                     if tick < len(raw.omega):
                         sample_tick(plant, state, raw, tick)
@@ -131,6 +174,7 @@ class ReferenceDriver(Driver):
             if not end_period(plant, state, samples, period):
                 break
         restore_ended(plant, state)
+        _refuse_falls(plant, state)
 
 
 class CompiledDriver(Driver):
@@ -159,11 +203,12 @@ class CompiledDriver(Driver):
         width, dt = width_of(self.lanes), plant.body.dt
         status, instance = run_periods(plant, state, noise, samples, raw, calls, width)
         if status == NOT_FINITE:
-            raise NotFiniteError(state, instance)
+            raise _not_finite(state, instance)
         if status == INCOMPLETE:
             raise self.motors.error(instance, "asked to stop", dt)
         if status > FMI_WARNING:
             raise self.motors.error(instance, f"failed (fmi3Status {status})", dt, status)
+        _refuse_falls(plant, state)
 
 
 class FmpyDriver(CompiledDriver):

@@ -20,6 +20,7 @@ from cosim.coupling.signals import (
     LIFTED,
     NORMAL,
     SLIPPING,
+    UNSOLVED,
     RawSamples,
     Samples,
     State,
@@ -54,8 +55,17 @@ from cosim.physics.body_state import (
 from cosim.physics.collision import find_near_obstacles, find_near_pairs
 from cosim.physics.lanes import width_of
 from cosim.physics.neighbours import FOUND, Grid, find_near, list_by_cells
-from cosim.physics.properties import feel_patches, read_params
+from cosim.physics.properties import MU, feel_patches, read_params
 from cosim.physics.rotation import Vector, heading, plus, rotation_matrix, to_world
+
+# Faults, in place of an outcome: the model does not describe the robot from then on, see
+# `cosim.coupling.master.FaultError`.
+TIPPED, DIVERGED = 100, 101
+# A robot whose axis is more than 60° off the vertical does not return to its feet.
+LEAST_UPRIGHT = 0.5
+# Share of ticks whose contacts may stay unsolved. The robot's speed is wrong by up to a tenth where
+# 3 % do. LEAST_UNSOLVED: ticks in a row, in addition to it.
+UNSOLVED_SHARE, LEAST_UNSOLVED = 0.01, 1000.0
 
 _ONE = width_of(1)
 
@@ -197,10 +207,10 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
     """Sample a control period at `row`, and end the episodes in which something happened.
 
     The board is judged here: robots move by some micrometres within a period. Returns the number of
-    running episodes.
+    running episodes; 0 after a fault, which ends them all.
     """
     robots = plant.robots
-    going_on = 0
+    going_on, worst = 0, RUNNING
     for episode in range(state.running.shape[0]):
         if not state.running[episode]:
             continue
@@ -214,6 +224,7 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
             state.events[column] = _event(plant, state, episode, column, grid)
             happened = max(happened, state.events[column])
         state.periods[episode] = row + 1
+        worst = max(worst, happened)
         if happened == RUNNING:
             going_on += 1
             continue
@@ -221,17 +232,26 @@ def end_period(plant: Plant, state: State, samples: Samples, row: int) -> int:
         for k in range(state.bodies.shape[0]):
             for column in range(first, first + robots):
                 state.ended[k, column] = state.bodies[k, column]
-    return going_on
+    return going_on if worst < TIPPED else 0
 
 
 @inlined
 def _event(plant: Plant, state: State, episode: int, column: int, grid: Grid) -> int:
-    """RUNNING, COLLISION or OUT_OF_BOARD of one robot."""
-    x, y = state.bodies[X, column], state.bodies[Y, column]
-    if not (0.0 <= x <= state.boards[episode, 0] and 0.0 <= y <= state.boards[episode, 1]):
+    """RUNNING, COLLISION, OUT_OF_BOARD or a fault of one robot."""
+    x, y, board = state.bodies[X, column], state.bodies[Y, column], state.boards[episode]
+    endless = board[0] == math.inf
+    if not endless and not (0.0 <= x <= board[0] and 0.0 <= y <= board[1]):
         return OUT_OF_BOARD
-    if state.bodies[Z, column] < 0.0:  # it has fallen over the edge of the floor
-        return OUT_OF_BOARD
+    fallen = state.bodies[Z, column] < 0.0
+    if _is_beyond_edge(plant, state, column):
+        if fallen:
+            return OUT_OF_BOARD
+    elif fallen or rotation_matrix(orientation_of(state.bodies[:, column]))[2][2] < LEAST_UPRIGHT:
+        return TIPPED
+    unsolved = state.statistics[UNSOLVED, column] - UNSOLVED_SHARE * plant.ticks_per_period
+    state.unsolved[column] = max(0.0, state.unsolved[column] + unsolved)
+    if state.unsolved[column] > LEAST_UNSOLVED:
+        return DIVERGED
     if not plant.end_on_collision:
         return RUNNING
     if state.touching[column] > 0.0:
@@ -245,6 +265,15 @@ def _event(plant: Plant, state: State, episode: int, column: int, grid: Grid) ->
         if state.owners[target] != column and _is_within(state.targets[target], x, y):
             return COLLISION
     return RUNNING
+
+
+@inlined
+def _is_beyond_edge(plant: Plant, state: State, column: int) -> bool:
+    """Return whether a foot of a robot has no floor below it."""
+    beyond = False
+    for foot in range(len(plant.body.contact.feet)):
+        beyond = beyond or state.properties[MU + foot, column] < 0.0
+    return beyond
 
 
 @inlined

@@ -21,6 +21,7 @@ from cosim.coupling.signals import (
     LIFTED,
     NORMAL,
     SLIPPING,
+    UNSOLVED,
     State,
 )
 from cosim.model.params import EstimatorParams, ShieldParams, SteeringParams
@@ -141,12 +142,13 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
     params = read_params(state.properties, column, width, plant.body, contact.feet, contact.z)
     order = contact.pairing.order
     before = read_body(state.bodies, column, width, order)
-    body = stepped(before, params, force, moment)
+    body, unsolved = stepped(before, params, force, moment)
     write_body(state.bodies, column, width, order, body)
     statistics = state.statistics
     lifted = _watch_feet(statistics, order, column, width, before.at, body.at, params.contact.mu)
     _count(statistics, LIFTED, column, width, lifted > 0.0)
     _count(statistics, AIRBORNE, column, width, lifted > len(order) - 0.5)
+    _count(statistics, UNSOLVED, column, width, unsolved)
     (x, y, z), (vx, vy, vz), (wx, wy, wz) = body.position, body.velocity, body.omega
     sum_of_all = x + y + z + vx + vy + vz + wx + wy + wz
     return not any_lane(select(abs(sum_of_all) <= _LARGEST, 0.0, 1.0) > 0.0)

@@ -31,8 +31,8 @@ def signal_names(motors: str, feet: int) -> tuple[str, ...]:
 
 # Rows of the statistics of a control period, see `State.statistics`: of the robot, then of each
 # foot at `FOOT * k` from the first ones.
-LIFTED, AIRBORNE = 0, 1
-NORMAL, IMPACT, SLIPPING, FRICTION_X, FRICTION_Y, LANDING = range(2, 8)
+LIFTED, AIRBORNE, UNSOLVED = 0, 1, 2
+NORMAL, IMPACT, SLIPPING, FRICTION_X, FRICTION_Y, LANDING = range(3, 9)
 FOOT = 6
 
 
@@ -61,12 +61,14 @@ class State(NamedTuple):
     held: Annotated[np.ndarray, "3 motors", "B"]  # outputs at the start of the communication step
     held_velocities: Annotated[np.ndarray, 6, "B"]  # (world) and angular (body) at that time
     electrical: Annotated[np.ndarray, "4 motors", "B"]  # V_s, i, u, integral; NaN without them
-    # Of this control period: ticks in which a foot carried nothing, and in which no foot carried
-    # anything; of each foot the sum of normal impulses in N s, the part of it in impacts, ticks in
-    # which it slid, the sums of friction impulses along x and y of the body, and whether it landed
-    # in this tick. A foot that lands closes its gap in one tick and stops in the next: an impact is
-    # both
+    # Of this control period: ticks in which a foot carried nothing, in which no foot carried
+    # anything, and in which contacts were not solved; of each foot the sum of normal impulses in
+    # N s, the part of it in impacts, ticks in which it slid, the sums of friction impulses along x
+    # and y of the body, and whether it landed in this tick. A foot that lands closes its gap in one
+    # tick and stops in the next: an impact is both
     statistics: Annotated[np.ndarray, "statistics", "B"]
+    # Ticks since the start in which contacts were not solved, less a share of all ticks
+    unsolved: Annotated[np.ndarray, "B"]
     touching: Annotated[np.ndarray, "B"]  # ticks of this period with a robot or obstacle touched
     touched: Annotated[np.ndarray, "B", np.int64]  # whether that is so in this tick
     near: Annotated[np.ndarray, "pairs", 2, np.int64]  # columns that may touch in this period
@@ -80,7 +82,7 @@ class State(NamedTuple):
     busy: Annotated[np.ndarray, "B", np.int64]
     running: Annotated[np.ndarray, "K", np.int64]  # whether an episode is running
     periods: Annotated[np.ndarray, "K", np.int64]  # control periods that it did in this advance
-    # What became of each robot in its last period, see `cosim.model.outcome`
+    # What became of each robot in its last period, see `cosim.model.outcome`; or a fault
     events: Annotated[np.ndarray, "B", np.int64]
     ended: Annotated[np.ndarray, "body", "B"]  # bodies of ended episodes, as they were then
     boards: Annotated[np.ndarray, "K", 2]  # extent of the board in m, its corner at the origin

@@ -228,8 +228,8 @@ def _where(condition: bool, yes: Impulse, no: Impulse) -> Impulse:
 
 
 @inlined
-def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Body:
-    """The body after dt (Eq. 2).
+def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> tuple[Body, bool]:
+    """The body after dt (Eq. 2), and whether its contacts did not converge within their sweeps.
 
     Args:
         force: applied force without gravity and contacts, body frame, N.
@@ -281,4 +281,4 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> Bo
         before = to_centre(world_from_body, params.centre)
         after = to_centre(rotation_matrix(orientation), params.centre)
         position = plus(position, 1.0, plus(before, -1.0, after))
-    return Body(position, orientation, velocity, omega, at)
+    return Body(position, orientation, velocity, omega, at), change >= contact.tolerance

@@ -5,8 +5,9 @@ operator are constant, only the floor normal changes. Each sweep is one projecte
 all contacts at once, which keeps mirror symmetry exact; impulses of the last step start the next.
 Nothing here knows motors or time integration.
 
-Loads of more than three feet of a rigid body are not defined: a compliance of the contacts, far
-below what moves the body, spreads them as equal springs would.
+Loads of more than three feet of a rigid body are not defined: a compliance of the contacts spreads
+them as equal springs would. It is a share of the operator, so that a machine of another mass moves
+alike, and so stiff that the body rocks on it far faster than motors turn.
 """
 
 import math
@@ -32,14 +33,16 @@ GAP_CORRECTION = 0.1
 
 # Sweeps end when impulses change by less than this share of weight·dt: in smooth sliding the warm
 # start needs one sweep, after a foot lands or sticks some ten. Mean speeds stay within 0.3 % of
-# converged contacts (benchmarks/convergence.py).
+# converged contacts (benchmarks/convergence.py). Some landings on eight feet, or of bodies with
+# very unequal moments of inertia, need hundreds.
 CONTACT_TOLERANCE = 0.01
-MAX_SWEEPS = 50
+MAX_SWEEPS = 1000
 OWN_MU = -2.0  # of a patch, in place of a friction coefficient: that of each foot
 NO_FLOOR = -1.0  # in place of a friction coefficient: no floor is below the foot
 
-
-COMPLIANCE_1_KG = 5.0  # of contacts of more than three feet, see the head of this file
+# Compliance of contacts of more than three feet, see the head of this file, over the mean of the
+# eigenvalues of the normal part of the Delassus operator that are not zero (three).
+COMPLIANCE = 1.0 / 6.0
 
 
 class Pairing(NamedTuple):
@@ -120,10 +123,11 @@ def delassus(robot: RobotParams, mass: Mass | None = None) -> np.ndarray:
 
 
 def contact_params(robot: RobotParams, tolerance: float, mass: Mass | None = None) -> ContactParams:
-    """Solver parameters of a robot; the step sizes make every sweep a contraction.
+    """Solver parameters of a robot; the step sizes let no sweep expand.
 
     Normal and tangential rows are scaled by their own largest eigenvalues, then both by the
-    largest eigenvalue of the scaled whole, so that the gradient step is stable for any geometry.
+    largest eigenvalue of the scaled whole, so that the gradient step is stable for any mass and
+    geometry. The operator includes the compliance.
     """
     mass = mass or mass_of(robot)
     feet = feet_of(robot)
@@ -132,6 +136,10 @@ def contact_params(robot: RobotParams, tolerance: float, mass: Mass | None = Non
     ordered = [feet[k] for k in pairing.order]
     operator = delassus(robot, mass)
     normal = np.arange(len(operator)) % 3 == 2
+    compliance = 0.0
+    if len(feet) > 3:
+        compliance = _rounded(COMPLIANCE * np.diag(operator)[normal].sum() / 3.0)
+        operator[normal, normal] += compliance
     scale = np.empty(len(operator))
     scale[normal] = np.linalg.eigvalsh(operator[np.ix_(normal, normal)])[-1]
     scale[~normal] = np.linalg.eigvalsh(operator[np.ix_(~normal, ~normal)])[-1]
@@ -146,7 +154,7 @@ def contact_params(robot: RobotParams, tolerance: float, mass: Mass | None = Non
         step_tangential=_rounded(1.0 / (largest * scale[0])),
         spin_inertia=mass.inertia[2] / max(own, default=robot.foot_radius_m),
         tolerance=tolerance,
-        compliance=COMPLIANCE_1_KG if len(feet) > 3 else 0.0,
+        compliance=compliance,
         max_sweeps=MAX_SWEEPS,
     )
 

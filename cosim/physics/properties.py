@@ -28,8 +28,8 @@ PRODUCT, INVERSE_PRODUCT = 7, 8
 CENTRE = 9
 GRAVITY = 11
 RESTITUTION = 14
-STEP_NORMAL, STEP_TANGENTIAL, SPIN_INERTIA, TOLERANCE = 15, 16, 17, 18
-MU = 19  # now under each of M feet
+STEP_NORMAL, STEP_TANGENTIAL, SPIN_INERTIA, TOLERANCE, COMPLIANCE = 15, 16, 17, 18, 19
+MU = 20  # now under each of M feet
 # After them: these where no patch is, then r and J of each motor.
 
 
@@ -103,7 +103,7 @@ def properties_of(params: BodyParams, mounts: Sequence[MotorMount]) -> np.ndarra
             *(*params.inertia, *params.inverse_inertia, params.product, params.inverse_product),
             *(*params.centre, *params.gravity, params.restitution),
             *(contact.step_normal, contact.step_tangential, contact.spin_inertia),
-            contact.tolerance,
+            *(contact.tolerance, contact.compliance),
             *(*mu, *mu),
             *(value for mount in mounts for value in (mount.r, mount.J)),
         ]
@@ -171,7 +171,7 @@ def read_params(
             load(properties, STEP_TANGENTIAL, column, width),
             load(properties, SPIN_INERTIA, column, width),
             load(properties, TOLERANCE, column, width),
-            common.contact.compliance,
+            load(properties, COMPLIANCE, column, width),
             common.contact.max_sweeps,
         ),
     )

@@ -19,8 +19,8 @@ from cosim.coupling.assembly import Motors, check_motors, new_plant, robot_prope
 from cosim.coupling.master import (
     CompiledDriver,
     Driver,
+    FaultError,
     FmpyDriver,
-    NotFiniteError,
     ReferenceDriver,
 )
 from cosim.coupling.rl_step import SAMPLED, Step
@@ -164,6 +164,7 @@ class Batch:
         rows = state.inputs, state.outputs, state.held, state.held_velocities, state.statistics
         for signals in rows:
             signals[:, columns] = 0.0  # nothing is left of the episode before
+        state.unsolved[columns] = 0.0
         state.boards[place], state.cells_m[place] = scenario.size_m, scenario.cell_m
         state.margins_m[place] = floor_margin(config.robot, config.world)
         self._make_room(place, scenario, config)
@@ -238,14 +239,14 @@ class Batch:
             part = noise[begin : begin + stretch]
             try:
                 self.driver.advance(self.plant, sighted, part, samples, raw)
-            except NotFiniteError as error:
+            except FaultError as error:
                 place, robot = divmod(error.column, self.robots)
                 name, start_s = f"robot {robot + 1}", begin_s
                 if place in going_on:
                     start_s = going_on[place].time_s
                 else:  # all lanes of a vector are computed
                     name += " of a place without an episode"
-                end_s = start_s + (error.tick + 1) * self.config.timing.dt_s
+                end_s = start_s + error.ticks * self.config.timing.dt_s
                 raise error.locate(name, end_s) from None
             yield samples, raw
             for place, episode in going_on.items():

@@ -6,12 +6,13 @@ cosim.coupling.plant.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from cosim.base.jit import inlined, kernel
-from cosim.model.params import MotorParams, RobotParams
+from cosim.model.params import MotorParams, RobotParams, motors_of
 from cosim.physics.body import stepped
 from cosim.physics.body_state import (
     NORMALS,
@@ -26,7 +27,7 @@ from cosim.physics.contact import CONTACT_TOLERANCE
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.lanes import width_of
 from cosim.physics.properties import BodyParams, body_params
-from cosim.physics.rotation import Vector, dot, plus, rotation_matrix, to_centre
+from cosim.physics.rotation import Vector, cross, dot, plus, rotation_matrix, to_body, to_centre
 
 _ONE = width_of(1)
 # Of a state with three feet.
@@ -80,11 +81,16 @@ def drive_wrench(rig: Rig, drive: Drive, tick: int) -> tuple[Vector, Vector]:
 
 
 @inlined
-def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vector) -> None:
-    """Advance one robot by dt, in place; arguments as of `cosim.physics.body.stepped`."""
+def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vector) -> bool:
+    """Advance one robot by dt, in place, and return whether its contacts were not solved.
+
+    Arguments are those of `cosim.physics.body.stepped`.
+    """
     bodies, order = state.reshape(state.size, 1), params.contact.pairing.order
     before = read_body(bodies, 0, _ONE, order)
-    write_body(bodies, 0, _ONE, order, stepped(before, params, force, moment))
+    after, unsolved = stepped(before, params, force, moment)
+    write_body(bodies, 0, _ONE, order, after)
+    return unsolved
 
 
 @kernel
@@ -92,6 +98,70 @@ def coast(state: np.ndarray, body: BodyParams, ticks: int) -> None:
     """Advance a robot without motors by some ticks, in place, see `cosim.physics.body_state`."""
     for _ in range(ticks):
         step_body(state, body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+@kernel
+def push(state: np.ndarray, params: BodyParams, wrenches: np.ndarray, tally: np.ndarray) -> None:
+    """Advance a robot, in place, by a tick for each wrench, and add up what forces do.
+
+    Args:
+        wrenches: (T, 6) force in N and moment about its axis at the height of its centre of mass in
+            N m, body frame.
+        tally: (5,) work in J of the wrenches, of normal forces and of friction, the largest work of
+            friction in one tick, and the number of ticks with unsolved contacts; added to.
+    """
+    contact, count = params.contact, len(params.contact.feet)
+    order, (off_x, off_y) = contact.pairing.order, params.centre
+    for tick in range(len(wrenches)):
+        w = wrenches[tick]
+        force, moment = (w[0], w[1], w[2]), (w[3], w[4], w[5])
+        axes = rotation_matrix((state[3], state[4], state[5], state[6]))
+        before = to_body(axes, (state[V_X], state[V_X + 1], state[V_X + 2]))
+        spin = state[W_X], state[W_X + 1], state[W_X + 2]
+        if step_body(state, params, force, moment):
+            tally[4] += 1
+        # Work is impulse times mean velocity, in the frame of the body before the step.
+        after = to_body(axes, (state[V_X], state[V_X + 1], state[V_X + 2]))
+        turned = state[W_X], state[W_X + 1], state[W_X + 2]
+        v = plus((0.0, 0.0, 0.0), 0.5, plus(before, 1.0, after))
+        o = plus((0.0, 0.0, 0.0), 0.5, plus(spin, 1.0, turned))
+        at_axis = plus(v, -1.0, cross(o, (off_x, off_y, 0.0)))
+        tally[0] += params.dt * (dot(force, at_axis) + dot(moment, o))
+        rubbed = 0.0
+        for k in range(count):
+            foot, (x, y) = order[k], contact.feet[k]
+            of_foot = plus(v, 1.0, cross(o, (x - off_x, y - off_y, contact.z)))
+            first = NORMALS + count + 3 * foot
+            tally[1] += state[NORMALS + foot] * dot(axes[2], of_foot)
+            rubbed += dot((state[first], state[first + 1], state[first + 2]), of_foot)
+        tally[2] += rubbed
+        tally[3] = max(tally[3], rubbed)
+
+
+def turning(
+    robot: RobotParams,
+    motor: MotorParams,
+    drive: Sequence[tuple[float, float]],
+    ticks: int,
+    dt_s: float,
+) -> np.ndarray:
+    """Wrenches (ticks, 6) of motors at constant speeds, for `push`; body frame.
+
+    Args:
+        drive: speed of each motor in rad/s, and its angle at t = 0 in rad.
+    """
+    found, time_s = np.zeros((ticks, 6)), dt_s * np.arange(1, ticks + 1)
+    mounts = motor_mounts(robot, motors_of(robot, motor))
+    for mount, (omega, theta) in zip(mounts, drive, strict=True):
+        down, ahead, up = (
+            np.concatenate(motor_wrench(mount, mount.shaft, quarter * math.pi / 2.0, omega, 0.0))
+            for quarter in range(3)
+        )
+        mean, angles = 0.5 * (down + up), theta + omega * time_s
+        found += (
+            mean + np.outer(np.cos(angles), down - mean) + np.outer(np.sin(angles), ahead - mean)
+        )
+    return found
 
 
 def solved_out(params: BodyParams) -> BodyParams:

@@ -341,7 +341,8 @@ def _drive(
             for _ in range(ticks):
                 outputs = turned(turning, start, end, motors.order, first, width, ticks, body)
                 force, moment = motor_wrenches(motors.pairs, own, outputs)
-                after = stepped(read_body(bodies, first, width, order), params, force, moment)
+                before = read_body(bodies, first, width, order)
+                after, _ = stepped(before, params, force, moment)
                 write_body(bodies, first, width, order, after)
             for column in range(first, first + len(width)):
                 for motor in range(count):
