@@ -6,6 +6,7 @@ happens every tick happens to the robots in the lanes of a vector at once, which
 belong to; the rest robot by robot.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +41,7 @@ from cosim.physics.body_state import (
 from cosim.physics.collision import PairParams, push_apart, push_off
 from cosim.physics.contact import Impulse, Pairing
 from cosim.physics.forces import MotorMount, Shaft, motor_wrenches
-from cosim.physics.lanes import Width, any_lane, load, select, store, width_of
+from cosim.physics.lanes import Width, any_lane, floor, load, select, store, width_of
 from cosim.physics.properties import BodyParams, read_mounts, read_params
 from cosim.physics.rotation import Vector, cross, dot, plus, rotation_matrix, to_body
 from cosim.physics.trig import sine_cosine
@@ -98,21 +99,28 @@ def _outputs(
     held: np.ndarray,
     column: int,
     share: float,
+    step_s: float,
     width: Width,
 ) -> tuple[Vector, ...]:
     """Output (θ, ω, ω̇) of motors in an order, as the bodies of a vector see it in a step.
 
+    An angle that the FMU wraps, at whatever multiple of 2π, is unwrapped by the speed.
+
     Args:
         outputs, held: (3 · motors, B) at the end of the communication step and at its start.
         share: of the step that is over; negative where nothing is held, because it is all over.
+        step_s: the step.
     """
     if len(order) == 0:
         return ()
     output = _output(outputs, order[0], column, width)
     if share >= 0.0:
         start = _output(held, order[0], column, width)
-        output = plus(start, share, plus(output, -1.0, start))
-    return (output, *_outputs(order[1:], outputs, held, column, share, width))
+        turned, faster, change = plus(output, -1.0, start)
+        beyond = turned - 0.5 * step_s * (start[1] + output[1])
+        turned = turned - 2.0 * math.pi * floor(beyond * (0.5 / math.pi) + 0.5)
+        output = plus(start, share, (turned, faster, change))
+    return (output, *_outputs(order[1:], outputs, held, column, share, step_s, width))
 
 
 @inlined
@@ -136,7 +144,8 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
     """
     motors, contact, steps = plant.motors, plant.body.contact, plant.ticks_per_step
     share = (tick + 1) / steps if steps > 1 else -1.0
-    outputs = _outputs(motors.order, state.outputs, state.held, column, share, width)
+    step_s = steps * plant.body.dt
+    outputs = _outputs(motors.order, state.outputs, state.held, column, share, step_s, width)
     mounts = read_mounts(state.properties, motors.order, column, width, plant.mounts)
     force, moment = motor_wrenches(motors.pairs, mounts, outputs)
     params = read_params(state.properties, column, width, plant.body, contact.feet, contact.z)

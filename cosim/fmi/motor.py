@@ -27,7 +27,7 @@ import fmpy
 import numpy as np
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi3 import FMU3Slave
-from fmpy.model_description import BaseUnit
+from fmpy.model_description import BaseUnit, ModelVariable
 
 from cosim.base.arguments import ConfigError
 from cosim.base.provenance import digest_of
@@ -51,6 +51,7 @@ SAMPLED, SAMPLES = tuple(f"{name}_samples" for name in OUTPUTS), "samples"
 STEP_SIZE = "step_size"
 PHASE = "theta_start"  # parameter: angle at the start
 _BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+_LOOP_KINDS = (("Float64", "local"), ("Float64", "output"))
 _DIMENSIONLESS = ("", "1", "-")  # names that many exporters do not define
 _OF_BODY = ("m", "r", "J", "g")  # parameters that are in Eq. (3) too
 # What is kept of the messages of an FMU, which may come in floods.
@@ -82,6 +83,8 @@ class MotorFmu(Fmu):
         self.arrays = self.size is not None
         self.samples = self.arrays and {SAMPLES, *SAMPLED} <= set(self.variables)
         step = self.variables.get(STEP_SIZE)
+        if step is not None:
+            self._require_unit(step)
         self.internal_step_s = None if step is None else float(step.start or 0.0)
         self.closed_loop: int | None = None
         if open_loop:
@@ -94,7 +97,9 @@ class MotorFmu(Fmu):
         self.inputs = self._references(OPEN_INPUTS if open_loop else INPUTS, "input")
         self.outputs = self._references(OUTPUTS, "output")
         self.electrical = self._references(ELECTRICAL, "output")
-        with contextlib.suppress(FmuError):  # what else has such a name is not the loop's
+        loop = [self.variables.get(name) for name in LOOP]
+        # what else has such a name is not the loop's
+        if all(v and (v.type, v.causality) in _LOOP_KINDS for v in loop):
             loop = self._references(LOOP, "local", "output")
             self.electrical = np.append(self.electrical, loop)
         self._loaded: Any = None  # the binary in fmpy's hands; slaves are copies of it
@@ -146,19 +151,24 @@ class MotorFmu(Fmu):
             raise self.refusal(f"{has} as {found}; export it as {needed}")
         if variable.clocks:
             raise self.refusal(f"{has} tied to a clock; export it without")
-        declared = variable.unit or (variable.declaredType and variable.declaredType.unit)
-        if declared and name in _units():
-            self._require_unit(name, declared, *_units()[name])
+        self._require_unit(variable)
         return variable.valueReference
 
-    def _require_unit(self, name: str, declared: str, unit: str, base: Mapping[str, int]) -> None:
+    def _require_unit(self, variable: ModelVariable) -> None:
+        """Refuse a variable whose values are not in the usual unit, or not in SI base units."""
+        name = variable.name
+        declared = variable.unit or (variable.declaredType and variable.declaredType.unit)
+        if not declared:
+            return
+        unit, base = _units().get(name, ("SI units", None))
         defined = (u.baseUnit for u in self.description.unitDefinitions if u.name == declared)
         found = next(defined, BaseUnit() if declared in _DIMENSIONLESS else None)
         if found is None:  # a unit may go without a definition in SI base units
-            same = declared == unit
+            same = declared == unit or base is None
         else:
             same = math.isclose(found.factor, 1.0) and found.offset == 0.0
-            same &= all(int(getattr(found, each)) == base.get(each, 0) for each in _BASE_UNITS)
+            powers = {each: int(getattr(found, each)) for each in _BASE_UNITS}
+            same &= base is None or all(n == base.get(each, 0) for each, n in powers.items())
         if not same:
             raise self.refusal(f"has '{name}' in {declared}; export it in {unit}")
 
@@ -180,14 +190,13 @@ class MotorFmu(Fmu):
         return self._reference(name, "parameter", "input")
 
     def read(self, names: Iterable[str], given: Mapping[str, float]) -> dict[str, float]:
-        """Values that an instance has of those of some variables that it exposes in the usual unit.
+        """Return the values that an instance has of those of some variables that it exposes.
 
-        Values of `given` are set before, by name.
+        Values of `given` are set before, by name. One in another unit is refused: the name is that
+        of a parameter of Eq. (13) or (14), which may be in the body too.
         """
-        exposed: dict[str, int] = {}
-        for name in (name for name in names if name in self.variables):
-            with contextlib.suppress(FmuError):
-                exposed[name] = self._reference(name, self.variables[name].causality)
+        variables = [self.variables[name] for name in names if name in self.variables]
+        exposed = {v.name: self._reference(v.name, v.causality) for v in variables}
         motor = Motor(self, "parameters", given)
         try:
             return {name: float(motor.get([k])[0]) for name, k in exposed.items()}

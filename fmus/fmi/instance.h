@@ -63,6 +63,7 @@ struct Instance {
     void (*callback)(void); /* the importer's logger, cast back by the shim's LogFunction */
     void *environment;
     bool logging; /* whether the importer wants messages */
+    bool changed; /* whether parameters may not be those that were last found to be stable */
 };
 
 /* What each model supplies. */
@@ -81,6 +82,8 @@ static Status model_get_double(const Instance *instance, const char *function,
 static Status model_set_double(Instance *instance, const char *function,
                                const uint32_t references[], size_t count, const double values[],
                                size_t value_count);
+/* Whether internal steps are short enough for the parameters; says why not. */
+static Status model_is_stable(const Instance *instance, const char *function);
 /* A variable that is not floating-point and has one value: where it is, and what it may be. */
 typedef struct {
     int32_t *value; /* NULL if there is none */
@@ -184,6 +187,15 @@ static Status fail_fixed(const Instance *instance, const char *function, uint32_
             return (int)fail((instance), __func__, "%lu value references but %lu values",          \
                              (unsigned long)(references), (unsigned long)(values));                \
     } while (0)
+
+/* Refuse to begin or to step with parameters for which the internal step is too long. */
+static Status check_changed(Instance *instance, const char *function) {
+    if (!instance->changed)
+        return STATUS_OK;
+    const Status status = model_is_stable(instance, function);
+    instance->changed = status != STATUS_OK;
+    return status;
+}
 
 static Status instance_reset(Instance *instance, const char *function) {
     const Standing before = instance->now;
@@ -328,9 +340,10 @@ typedef struct {
 } Plan;
 
 /* Say which internal steps h a communication step is made of, or why it cannot be made. */
-static Status plan_step(const Instance *instance, const char *function, double time,
+static Status plan_step(Instance *instance, const char *function, double time,
                         double step_size, double h, Plan *plan) {
-    if (check_step(instance, function, time, step_size, h) != STATUS_OK)
+    if (check_changed(instance, function) != STATUS_OK ||
+        check_step(instance, function, time, step_size, h) != STATUS_OK)
         return STATUS_ERROR;
     *plan = (Plan){.steps = 1, .owed = instance->now.owed};
     if (step_size != h) {

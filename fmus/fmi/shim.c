@@ -16,6 +16,8 @@ void FMI(FreeInstance)(void *instance) { instance_free(instance); }
 FMI(Status) FMI(ExitInitializationMode)(void *instance) {
     Instance *self = instance;
     REQUIRE(self, INITIALIZATION);
+    if (check_changed(self, __func__) != STATUS_OK)
+        return FMI(Error);
     self->now.life_cycle = STEP;
     return FMI(OK);
 }

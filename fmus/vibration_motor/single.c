@@ -2,6 +2,7 @@
  * of a `Motor` is all that it is. */
 #include "instance.h"
 #include "single.h"
+#include "stability.h"
 
 typedef struct {
     Instance base;
@@ -128,9 +129,16 @@ Status model_set_double(Instance *instance, const char *function, const uint32_t
         else
             motor->p.value[references[k] - PARAMETER_FIRST] = values[k];
     }
-    if (!only_inputs)
+    if (!only_inputs) {
         single_initialise(motor);
+        instance->changed = true;
+    }
     return STATUS_OK;
+}
+
+Status model_is_stable(const Instance *instance, const char *function) {
+    const MotorConstants *p = &motor_in(instance)->p;
+    return check_motor(instance, function, "", p, p->step_size);
 }
 
 Option model_option(Instance *instance, uint32_t reference, const char *type) {
@@ -142,7 +150,7 @@ Option model_option(Instance *instance, uint32_t reference, const char *type) {
     return (Option){NULL, 0, 0};
 }
 
-void model_options_changed(Instance *instance) { (void)instance; }
+void model_options_changed(Instance *instance) { instance->changed = true; }
 
 typedef struct {
     Motor motor;
@@ -170,6 +178,7 @@ Status model_restore(Instance *instance, const char *function, const void *state
     memcpy(&snapshot, state, sizeof snapshot);
     *motor_of(instance) = snapshot.motor;
     instance->now = snapshot.now;
+    instance->changed = true;
     return STATUS_OK;
 }
 

@@ -2,6 +2,7 @@
  * access to variables by value reference, and saved and serialised states. */
 #include "instance.h"
 #include "levels.h"
+#include "stability.h"
 
 typedef struct {
     Instance base;
@@ -287,6 +288,7 @@ Status model_set_double(Instance *instance, const char *function, const uint32_t
             motors_write(motors, row_of(references[k]), values);
         values += length_of(motors, references[k]);
     }
+    instance->changed |= !only_inputs;
     if (only_inputs)
         motors_refresh(motors);
     else if (instance->now.life_cycle & STARTING)
@@ -296,13 +298,30 @@ Status model_set_double(Instance *instance, const char *function, const uint32_t
     return STATUS_OK;
 }
 
+Status model_is_stable(const Instance *instance, const char *function) {
+    const Motors *motors = motors_in(instance);
+    const double h = motors->step_size;
+    for (size_t k = 0; k < motors->n; k++) {
+        const Block *b = &motors->blocks[k / LANES];
+        const MotorConstants p = lane_constants(b, k % LANES, motors->closed_loop);
+        char whose[40];
+        snprintf(whose, sizeof whose, " of motor %lu", (unsigned long)k + 1);
+        if (check_motor(instance, function, whose, &p, h) != STATUS_OK)
+            return STATUS_ERROR;
+    }
+    return STATUS_OK;
+}
+
 Option model_option(Instance *instance, uint32_t reference, const char *type) {
     (void)type; /* there is one */
     int32_t *closed_loop = &motors_of(instance)->closed_loop;
     return (Option){reference == VR_closed_loop ? closed_loop : NULL, 0, 1};
 }
 
-void model_options_changed(Instance *instance) { motors_refresh(motors_of(instance)); }
+void model_options_changed(Instance *instance) {
+    instance->changed = true;
+    motors_refresh(motors_of(instance));
+}
 
 /* A saved state is this, SAVED_ROWS rows of n doubles, and `restart` and `restarted` of n integers.
  * Samples are of a step, not of a state. */
@@ -361,6 +380,7 @@ Status model_restore(Instance *instance, const char *function, const void *state
         motors->blocks[k / LANES].restarted[k % LANES] = counters[n + k];
     }
     motors->restarting = true;
+    instance->changed = true;
     motors_tune(motors);
     return STATUS_OK;
 }

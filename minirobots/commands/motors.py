@@ -383,6 +383,7 @@ class IdentifyRobot(Command):
             report,
             lambda: show(COLUMNS, report.parameters, names=2),
             f"the mass is that of the preset; {mass_text(report)}",
+            *(f"no intervals: {words}" for words in report.doubts),
             *(f"not identifiable from this track: {words}" for words in report.unidentifiable),
             f"results in {out}/: preset.toml, identification.json, report.md, tracks.svg",
         )

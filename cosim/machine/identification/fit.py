@@ -20,8 +20,13 @@ from cosim.machine.identification.simulated import RobotParameter, Simulated
 from cosim.machine.identification.track import SeenTrack
 
 ROUNDS = 8  # at most, of parameters with the noise fixed, and noise with the parameters fixed
+DELAYS = 201  # of the camera, that are tried before each round
+SECANTS = 2  # times that slopes are taken over the intervals that the last ones gave
+MOST_WIDENING = 8.0  # of an interval where the model is not linear
+MOST_ERROR = 3.5  # of half of all intervals: beyond it fits may be local minima
 STILL = 0.02  # of a parameter's spread: a smaller change ends the rounds
 LARGE = 1.5  # times the simulated drifts: from there on drifts seem to have another reason
+OUTLIER = 6.0  # standard deviations of a frame that no track of a minute has by chance
 QUANTILE = 1.959964  # of the normal distribution, for intervals of 95 %
 UNKNOWN = 0.5  # share of the spread before from which on data are said to tell nothing
 
@@ -35,6 +40,7 @@ class Fit(NamedTuple):
     residuals: np.ndarray  # (n − 1, 3) of x, y and heading, of variance 1
     frames: np.ndarray  # (n, 3) the simulated track, from the origin
     evaluations: int
+    doubts: tuple[str, ...] = ()  # why the intervals are not to be trusted, as text
 
     @property
     def deviations(self) -> np.ndarray:
@@ -69,12 +75,20 @@ def fit(track: SeenTrack, simulated: Simulated, progress: Progress = silent) -> 
         return deviance(track.times, one.residuals, one.noise) + before
 
     for start in starts:
-        best = min(found, key=unlikeliness)
-        if not strays(best):
-            return best
+        if not strays(min(found, key=unlikeliness)):
+            break
         # The robot seems to stray more than its noise explains: perhaps a local minimum.
         found.append(_fit_from(start, track, simulated, progress))
-    return min(found, key=unlikeliness)
+    best = _by_secants(min(found, key=unlikeliness), track, simulated)
+    before = best.deviations
+    best, doubts = _widened(best, rises(track, simulated, best)), []
+    if np.median(best.deviations / before) > MOST_ERROR:
+        doubts.append("tracks depend too roughly on the parameters, so that other fits are as good")
+    if strays(best):
+        doubts.append("the robot strays more than the noise of its motors explains")
+    if outliers := int((np.abs(best.residuals).max(axis=1) > OUTLIER).sum()):
+        doubts.append(f"{outliers} frames are more than {OUTLIER:g} standard deviations off")
+    return best._replace(doubts=tuple(doubts))
 
 
 def _fit_from(
@@ -87,6 +101,7 @@ def _fit_from(
     for done in range(ROUNDS):
         progress("identifying", done, ROUNDS)
         at = _linearised(track, simulated, noise)
+        scaled[-1] = _likeliest_delay(scaled, track, simulated, noise)
         found = least_squares(
             lambda x, at=at: at(tuple(x))[0],
             scaled,
@@ -114,6 +129,50 @@ def _fit_from(
     covariance = np.linalg.inv(jacobian.T @ jacobian) * np.outer(spreads, spreads)
     own = errors[len(usual) :].reshape(-1, 3)
     return Fit(usual + spreads * scaled, covariance, noise, own, frames, evaluations + 1)
+
+
+def _likeliest_delay(
+    scaled: np.ndarray, track: SeenTrack, simulated: Simulated, noise: Noise
+) -> float:
+    """Return the camera's delay of least squares, scaled, all else being equal, of many minima."""
+    (low, high), usual, spreads = simulated.limits[:, -1], simulated.usual, simulated.spreads
+    points = np.tile(usual + spreads * scaled, (DELAYS, 1))
+    points[:, -1] = np.linspace(low, high, DELAYS)
+    delays = (points[:, -1] - usual[-1]) / spreads[-1]
+    errors = residuals(track.times, track.poses, simulated.frames(points), noise)
+    return float(delays[np.argmin((errors**2).sum(axis=(0, 1)) + delays**2)])
+
+
+def _by_secants(found: Fit, track: SeenTrack, simulated: Simulated) -> Fit:
+    """Return a fit whose covariance is of slopes over its intervals, where they are flatter.
+
+    Where feet land depends on phases, and tracks on parameters so roughly: tangents are too steep.
+    """
+    spreads, (low, high), count = simulated.spreads, simulated.limits, len(simulated.spreads)
+    deviations, covariance = found.deviations, found.covariance
+    for _ in range(SECANTS):
+        half = np.diag(QUANTILE * deviations)
+        ends = np.clip([found.values + half, found.values - half], low, high)
+        frames = simulated.frames(ends.reshape(-1, count))
+        errors = residuals(track.times, track.poses, frames, found.noise).reshape(-1, 2 * count)
+        slopes = (errors[:, :count] - errors[:, count:]) / np.diag(ends[0] - ends[1]) * spreads
+        covariance = np.linalg.inv(np.eye(count) + slopes.T @ slopes) * np.outer(spreads, spreads)
+        deviations = np.maximum(found.deviations, np.sqrt(np.diag(covariance)))
+    widened = deviations / np.sqrt(np.diag(covariance))
+    return found._replace(
+        covariance=covariance * np.outer(widened, widened), evaluations=found.evaluations + SECANTS
+    )
+
+
+def _widened(found: Fit, risen: np.ndarray) -> Fit:
+    """Return a fit with intervals as much wider as the linear model errs at their ends.
+
+    Where the sum of squares rises less, an interval ends too early; where it rises more, the valley
+    of good fits is curved, and other fits are as good further along it.
+    """
+    errors = np.abs(np.log(np.maximum(risen, 1e-3) / QUANTILE**2))
+    factor = np.exp(0.5 * np.nan_to_num(errors).max(axis=1)).clip(max=MOST_WIDENING)
+    return found._replace(covariance=found.covariance * np.outer(factor, factor))
 
 
 def _linearised(

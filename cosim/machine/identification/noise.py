@@ -13,7 +13,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 _RATIOS = (-8.0, 2.0)  # of drift in 1 s and camera noise, variances: decadic logarithms
-_LEAST_VARIANCE = 1e-14  # of a frame in m² or rad², where a track has no noise at all
+# Of a frame in m and rad: no simulation is closer to a robot, which vibrates with other phases.
+LEAST_POSITION_M, LEAST_HEADING_RAD = 5e-5, 1e-3
 
 
 class Noise(NamedTuple):
@@ -99,17 +100,17 @@ def likeliest_noise(times: np.ndarray, measured: np.ndarray, simulated: np.ndarr
     """The noise of largest likelihood if the simulation (n, 3) has the right parameters."""
     simulated = simulated[:, None]
     turns = np.diff(simulated[..., 2], axis=0)
-    heading_rad, heading_drift = _likeliest(times, measured[:, 2], turns, 1)
+    heading_rad, heading_drift = _likeliest(times, measured[:, 2], turns, 1, LEAST_HEADING_RAD)
     gains, _ = _gains(times, heading_drift / heading_rad**2)
     _, headings = _followed(measured[:, 2], turns, gains)
     places = measured[:, 0] + 1j * measured[:, 1]
     steps = _turned_steps(simulated, headings)
-    position_m, position_drift = _likeliest(times, places, steps, 2)
+    position_m, position_drift = _likeliest(times, places, steps, 2, LEAST_POSITION_M)
     return Noise(position_m, heading_rad, position_drift, heading_drift)
 
 
 def _likeliest(
-    times: np.ndarray, measured: np.ndarray, steps: np.ndarray, components: int
+    times: np.ndarray, measured: np.ndarray, steps: np.ndarray, components: int, least: float
 ) -> tuple[float, float]:
     """Standard deviation of frames and growth of the walk's variance, by number of components."""
 
@@ -117,7 +118,7 @@ def _likeliest(
         gains, variances = _gains(times, 10.0**decades)
         innovations, _ = _followed(measured, steps, gains)
         of_frames = np.mean(np.abs(innovations[:, 0]) ** 2 / variances) / components
-        of_frames = max(float(of_frames), _LEAST_VARIANCE)
+        of_frames = max(float(of_frames), least**2)
         return of_frames, math.log(of_frames) + float(np.mean(np.log(variances)))
 
     found: Any = minimize_scalar(

@@ -14,6 +14,7 @@ from cosim.base.storage import replacing, write_json, write_whole
 from cosim.base.table import Column, field, format_value, markdown
 from cosim.fmi.motor import with_motor
 from cosim.machine.identification.fit import QUANTILE, UNKNOWN, Fit, fit, rises, unidentifiable
+from cosim.machine.identification.plausible import require_plausible
 from cosim.machine.identification.simulated import UNITS, Simulated, machine, simulated_drive
 from cosim.machine.identification.track import SeenTrack
 from cosim.model.config import UNKNOWN as UNKNOWN_SOURCE
@@ -31,9 +32,9 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     name: str
     description: str
     value: float
-    # low, high: interval of 95 %, by the covariance of Gauss and Newton
-    low: float
-    high: float
+    # low, high: interval of 95 %, see `cosim.machine.identification.fit`; None if there are doubts
+    low: float | None
+    high: float | None
     identifiable: bool  # whether the track says more of it than was assumed before
     # Of the sum of squares at the ends of the interval, by simulation: 3.84 if the model were
     # linear; None where an end is out of bounds
@@ -49,9 +50,10 @@ class Identification(msgspec.Struct, frozen=True, kw_only=True):
     frames: int
     duration_s: float
     parameters: tuple[Estimate, ...]
-    # The mass and its interval of 95 % if the motors' mean unbalance is the usual one: all else is
-    # with the mass of the preset, and tracks tell only the ratio of the two
-    mass_kg: tuple[float, float, float]
+    doubts: tuple[str, ...]  # why there are no intervals, as text
+    # The mass and its interval of 95 %, if any, if the motors' mean unbalance is the usual one: all
+    # else is with the mass of the preset, and tracks tell only the ratio of the two
+    mass_kg: tuple[float, float | None, float | None]
     unidentifiable: tuple[str, ...]  # what the track says nothing of, as text
     # Of the camera, and how the robot strays from any simulation, by largest likelihood
     noise: dict[str, float]
@@ -65,6 +67,8 @@ def _value(estimate: Estimate) -> str:
 
 def _interval(estimate: Estimate) -> str:
     scale, _ = UNITS.get(estimate.name, (1.0, ""))
+    if estimate.low is None or estimate.high is None:
+        return "none"
     if not estimate.identifiable:
         return "not identifiable"
     return f"{scale * estimate.low:.3f} to {scale * estimate.high:.3f}"
@@ -95,6 +99,7 @@ def identify(
     progress("turning the motors", 0, None)
     drive = simulated_drive(track, with_motor(config, fmu), fmu)
     progress("turning the motors", 1, 1)
+    require_plausible(name, track, drive)
     found = fit(track, drive, progress)
     half, ends = QUANTILE * found.deviations, rises(track, drive, found)
     report = Identification(
@@ -107,13 +112,14 @@ def identify(
                 name=parameter.name,
                 description=parameter.description,
                 value=float(found.values[k]),
-                low=float(found.values[k] - half[k]),
-                high=float(found.values[k] + half[k]),
+                low=None if found.doubts else float(found.values[k] - half[k]),
+                high=None if found.doubts else float(found.values[k] + half[k]),
                 identifiable=bool(found.deviations[k] < UNKNOWN * parameter.spread),
                 rises=tuple(None if math.isnan(rise) else rise for rise in ends[k].tolist()),
             )
             for k, parameter in enumerate(drive.parameters)
         ),
+        doubts=found.doubts,
         mass_kg=_mass_kg(drive, found),
         unidentifiable=tuple(unidentifiable(found, drive.parameters)),
         noise=found.noise._asdict(),
@@ -130,13 +136,13 @@ def identify(
     return report
 
 
-def _mass_kg(drive: Simulated, found: Fit) -> tuple[float, float, float]:
+def _mass_kg(drive: Simulated, found: Fit) -> tuple[float, float | None, float | None]:
     """Return the mass, and its interval, with which the mean of the motors' factors is 1."""
     motors = [k for k, p in enumerate(drive.parameters) if p.name.startswith("motor_")]
     half = QUANTILE * math.sqrt(found.covariance[np.ix_(motors, motors)].sum()) / len(motors)
     means = found.values[motors].mean() + np.array([0.0, half, -half])
     value, low, high = drive.config.robot.mass_kg / np.clip(means, *drive.limits[:, motors[0]])
-    return float(value), float(low), float(high)
+    return (float(value), None, None) if found.doubts else (float(value), float(low), float(high))
 
 
 def _preset(track: SeenTrack, name: str, preset: Preset, drive: Simulated, found: Fit) -> Preset:
@@ -145,7 +151,12 @@ def _preset(track: SeenTrack, name: str, preset: Preset, drive: Simulated, found
     robot, motors = machine(found.values, config.robot, config.motor)
     where = f"identified from {name}"
     intervals = {
-        p.name: f"{where}: 95 % within ± {QUANTILE * deviation * p.scale:.2g} {p.unit}".rstrip()
+        p.name: f"{where}: "
+        + (
+            f"without an interval: {'; '.join(found.doubts)}"
+            if found.doubts
+            else f"95 % within ± {QUANTILE * deviation * p.scale:.2g} {p.unit}".rstrip()
+        )
         for p, deviation in zip(drive.parameters, found.deviations, strict=True)
     }
     tree = {n: leaf for n, leaf in preset.tree.items() if not n.startswith("sensor_")}
@@ -191,26 +202,25 @@ def _preset(track: SeenTrack, name: str, preset: Preset, drive: Simulated, found
 
 def mass_text(report: Identification) -> str:
     """Return the mass as a sentence."""
-    value, low, high = (format_value(1e3 * mass_kg, "{:.4g}") for mass_kg in report.mass_kg)
-    return (
-        f"if the mean unbalance is the usual one instead, the mass is {value} g ({low} to {high})"
-    )
+    value, *ends = (f"{1e3 * mass_kg:.4g}" for mass_kg in report.mass_kg if mass_kg is not None)
+    interval = f" ({' to '.join(ends)})" if ends else ""
+    return f"if the mean unbalance is the usual one instead, the mass is {value} g{interval}"
 
 
 def _text(report: Identification) -> str:
     """The report as Markdown."""
     unknown = [f"- {words}" for words in report.unidentifiable]
+    doubts = f"**There are no intervals**: {'; '.join(report.doubts)}.\n\n" if report.doubts else ""
     noise = report.noise
     return f"""# Parameters identified from {report.track}
 
 {report.frames} frames in {report.duration_s:.1f} s; all else is of the preset {report.preset}. The
 robot as it was identified is in [{PRESET_FILE}]({PRESET_FILE}), for `--preset`.
 
-{markdown(COLUMNS, report.parameters)}
+{doubts}{markdown(COLUMNS, report.parameters)}
 
 The rise is that of the sum of squares at the ends of the interval, by simulation. Were the model
-linear, it would be {QUANTILE**2:.2f}; where it is much larger the true interval is narrower, where
-it is much smaller the true interval is wider.
+linear, it would be {QUANTILE**2:.2f}; intervals are widened where it was not.
 
 The mass is that of the preset; {mass_text(report)}.
 

@@ -83,7 +83,7 @@ _PARAMETERS = (
     ),
     RobotParameter("com_y_m", "centre of mass to the left", "mm", 1e3, 0.003, 2e-4, -0.006, 0.006),
     RobotParameter("foot_radius_m", "circle of the feet", "mm", 1e3, 0.003, 3e-4, 0.005, 0.1),
-    RobotParameter("camera_delay_s", "delay of the camera", "ms", 1e3, 0.1, 0.03, 0.0, 1.0),
+    RobotParameter("camera_delay_s", "delay of the camera", "ms", 1e3, 0.1, 0.01, 0.0, 1.0),
 )
 USUAL_DELAY_S = 0.03
 UNITS = {p.name: (p.scale, p.unit) for p in _PARAMETERS}  # for people
@@ -174,6 +174,15 @@ class Simulated:
         high = [min(p.high, most.get(p.name, p.high)) for p in self.parameters]
         low = [p.low for p in self.parameters]
         return np.array([np.minimum(low, self.usual), np.maximum(high, self.usual)], dtype=float)
+
+    def usual_frames(self, factors: Sequence[float]) -> np.ndarray:
+        """Return (F, n, 3) as `frames`, of the usual robot with motor speeds times factors."""
+        speeds = self.smooth[..., None] * np.array(factors)
+        seen = self._tracks([self._machine(self.usual)] * len(factors), speeds)
+        looks = LOOKS_S * np.arange(len(seen))
+        signals = seen.reshape(len(seen), -1).T
+        found = np.array([np.interp(self.times, looks, signal) for signal in signals])
+        return found.reshape(len(factors), 3, -1).swapaxes(1, 2)
 
     def frames(self, values: np.ndarray) -> np.ndarray:
         """(n, C, 3) m, m and rad seen from the origin, heading along +x, by parameters (C, K)."""

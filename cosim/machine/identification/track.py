@@ -41,11 +41,11 @@ _HEADING = re.compile(
 )  # of a column, perhaps with a unit
 LEAST_S, LEAST_FRAMES = 5.0, 100
 MOST_S = 3600.0  # longer ones are in milliseconds or smaller units
+MOST_INTERVAL_S = 0.25  # between most frames; longer ones are numbers of frames, or milliseconds
 # Between neighbouring frames a robot moves some 0.2 mm: more than this is a hand, or another unit.
 MOST_STEP_M, MOST_TURN_RAD = 0.02, 1.0
+COMMENTS = "#%/"  # what lines that are none of a table begin with
 MOST_SPEED_RAD_S = 5800.0  # what the motors reach at their largest voltage
-# From here on a motion shows its direction: turned the wrong way, or driven off the heading.
-LEAST_TURN_RAD, LEAST_DRIVE_M, MOST_OFF_RAD = 0.2, 0.005, math.radians(60.0)
 
 
 _KIND = Kind("track", "record it again, see docs/own.md")
@@ -109,7 +109,7 @@ def read_track(
     by commas, semicolons or tabs; headings may name the unit, as in "time [s]".
     """
     try:
-        return _checked(*_table(path, units(robot.motors_count)), board_m, robot)
+        return _checked(*_table(path, units(robot.motors_count)), board_m)
     except ValueError as fault:  # what is wrong, and how to fix it
         raise FileError(f"{path}: {fault}") from None
 
@@ -119,7 +119,14 @@ def _table(path: Path, wanted: Mapping[str, str]) -> tuple[np.ndarray, list[int]
     content = read_bytes(path, _KIND)
     with parsing(path, _KIND):
         text = content.decode("utf-8-sig").splitlines() or [""]
+        for line, content in enumerate(text, start=1):
+            if content.lstrip()[:1] in tuple(COMMENTS):
+                raise ValueError(f"line {line} is a comment; leave comments out")
         separator = max(",;\t", key=text[0].count)
+        if separator not in text[0]:
+            raise ValueError(
+                "line 1 has one column; separate cells by commas, semicolons or tabs, not by blanks"
+            )
         rows = csv.reader(text, delimiter=separator, skipinitialspace=True)
         table = [(rows.line_num, row) for row in rows if row or rows.line_num == 1]
     header = table.pop(0)[1]
@@ -132,6 +139,11 @@ def _table(path: Path, wanted: Mapping[str, str]) -> tuple[np.ndarray, list[int]
                 "much, and write decimal points instead of commas"
             )
         cells = row + [""] * (len(header) - len(row))
+        if not any(map(_is_number, row)):
+            raise ValueError(
+                f"line {line} has no numbers; leave it out, and write units into line 1 as in "
+                "'time [s]'"
+            )
         numbers.append([_number(cells[columns[name]], name, line) for name in wanted])
     return np.array(numbers).reshape(-1, len(wanted)), [line for line, _ in table]
 
@@ -153,6 +165,13 @@ def _columns(header: list[str], wanted: Mapping[str, str]) -> dict[str, int]:
     return found
 
 
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text.replace(",", ".")))
+    except ValueError:
+        return False
+
+
 def _number(text: str, name: str, line: int) -> float:
     try:
         value = float(text)
@@ -165,25 +184,37 @@ def _number(text: str, name: str, line: int) -> float:
     return value
 
 
-def _checked(
-    table: np.ndarray, lines: list[int], board_m: tuple[float, float] | None, robot: RobotParams
-) -> SeenTrack:
+def _checked(table: np.ndarray, lines: list[int], board_m: tuple[float, float] | None) -> SeenTrack:
     times, commands = table[:, 0] - table[:1, 0], table[:, 4:].copy()
     if len(times) < LEAST_FRAMES or times[-1] < LEAST_S:
         raise ValueError(
             f"ends at line {lines[-1] if lines else 1} after {len(times)} frames; record at least "
-            f"{LEAST_FRAMES} frames and {LEAST_S:g} s"
+            f"{LEAST_FRAMES} frames and {LEAST_S:g} s, with times in seconds"
         )
     if times[-1] > MOST_S:
         raise ValueError(
             f"the times of its frames span {times[-1]:.6g} s, more than {MOST_S:g} s; give them "
             "in seconds, or cut the track"
         )
+    interval_s = float(np.median(np.diff(times)))
+    if interval_s > MOST_INTERVAL_S:
+        raise ValueError(
+            f"its frames are {interval_s:g} s apart; give times in seconds instead of numbers of "
+            f"frames or milliseconds, and record {1.0 / MOST_INTERVAL_S:g} or more a second"
+        )
     poses = np.column_stack([table[:, 1:3], np.unwrap(table[:, 3])])
     intervals, steps = np.diff(times, prepend=-1.0), np.diff(poses, axis=0, prepend=poses[:1])
     places = poses[:, :2]
     outside = (places < 0.0) | (places > (board_m or math.inf))
+    lost = (table[:, 1:4] == 0.0).all(axis=1)
+    lost &= np.arange(len(lost)) > np.argmin(lost)  # a robot may begin at the origin
     for wrong, what in (
+        (lost, "x, y and heading are 0: the camera has lost the robot; leave such lines out"),
+        (
+            _alone(poses),
+            "the pose jumps and returns in the next frame; leave the line out (a heading turned by "
+            "180° has front and back exchanged)",
+        ),
         (intervals <= 0.0, "its time is not after the line before; sort the frames"),
         (
             outside.any(axis=1) & (board_m is not None),
@@ -195,7 +226,8 @@ def _checked(
         ),
         (
             np.abs(steps[:, 2]) > MOST_TURN_RAD,
-            f"the heading jumps by more than {MOST_TURN_RAD:g} rad; give radians",
+            f"the heading jumps by more than {MOST_TURN_RAD:g} rad; give radians, always of the "
+            "robot's front",
         ),
         (
             np.abs(commands).max(axis=1) > MOST_SPEED_RAD_S,
@@ -206,30 +238,16 @@ def _checked(
             raise ValueError(f"line {lines[int(np.argmax(wrong))]}: {what}")
     if not commands.any():
         raise ValueError("the motor speeds are 0 in every line; drive the robot")
-    if not robot.own_layout and (wrong := _wrong_sign(poses, commands)):
-        raise ValueError(wrong)
     return SeenTrack(times, poses, commands)
 
 
-def _wrong_sign(poses: np.ndarray, commands: np.ndarray) -> str | None:
-    """Return why the motion contradicts the commands, as motors that are alike move any robot."""
-    d, e = commands[:-1].T
-    steps = np.diff(poses[:, 0] + 1j * poses[:, 1]) * np.exp(-1j * poses[:-1, 2])
-    turned = float((np.sign(d + e) * np.diff(poses[:, 2]))[d * e >= 0.0].sum())
-    driven = complex((np.sign(e) * steps)[d * e < 0.0].sum())
-    off = abs(np.angle(driven)) if abs(driven) > LEAST_DRIVE_M else 0.0
-    if turned < -LEAST_TURN_RAD:
-        fix = "heading, and of y if it points down as in a camera's image"
-        if off > MOST_OFF_RAD:
-            fix = "omega_1 and omega_2, or of heading if it is clockwise"
-        return (
-            f"the robot turns {-turned:.2g} rad clockwise by positive omega_1 and omega_2 (or back "
-            f"by negative ones) and must turn counter-clockwise; change the sign of {fix}"
-        )
-    if off > MOST_OFF_RAD:
-        return (
-            f"with omega_1 < 0 < omega_2 the robot drives {math.degrees(off):.0f}° off its heading;"
-            " exchange omega_1 and omega_2, change the sign of y if it points down, or measure the "
-            "heading towards the robot's front"
-        )
-    return None
+def _alone(poses: np.ndarray) -> np.ndarray:
+    """Return for each frame whether it alone is elsewhere than both of its neighbours."""
+
+    def far(frames: int) -> np.ndarray:
+        steps = poses[frames:] - poses[:-frames]
+        turns = np.abs(steps[:, 2] - 2.0 * np.pi * np.round(steps[:, 2] / (2.0 * np.pi)))
+        return (np.hypot(*steps[:, :2].T) > MOST_STEP_M) | (turns > MOST_TURN_RAD)
+
+    alone = far(1)[:-1] & far(1)[1:] & ~far(2)
+    return np.concatenate([[False], alone, [False]])

@@ -9,15 +9,17 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from fmpy.fmi3 import FMU3Slave
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from cosim.base.arguments import ConfigError
 from cosim.calibration.trial import Trial
 from cosim.coupling import assembly
 from cosim.coupling.assembly import Motors, check_motors
 from cosim.fmi.fmu import FmuError
-from cosim.fmi.motor import Motor, MotorFmu
+from cosim.fmi.motor import PHASE, Motor, MotorFmu, _units
 from cosim.model.config import CoSimConfig
-from cosim.model.params import TABLE_II, TIMING
+from cosim.model.params import TABLE_II, TIMING, MotorParams
 from cosim.model.scenario_file import find_scenario
 from tests.alone import CoSimulation, edited
 
@@ -153,6 +155,48 @@ UNITS = {"omega_des": "rpm", "omega_noise": "Hz", "theta": "deg", "omega": "rpm"
 def test_variable_of_another_kind_is_refused(edited_fmu, edit, message):
     with pytest.raises(FmuError, match=message):
         MotorFmu(edited_fmu(edit))
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    name=st.sampled_from([*_units(), "L"]),
+    factor=st.sampled_from([1e-3, 1e3, 2.0 * np.pi / 60.0, 1.0]),
+    offset=st.sampled_from([0.0, 273.15]),
+    declared=st.booleans(),
+)
+def test_values_in_another_unit_are_never_taken_as_they_are(
+    edited_fmu, name, factor, offset, declared
+):
+    """Whatever is set or read, however its unit is declared: a display unit is none."""
+
+    def edit(root):
+        if name == "L":
+            copy = ElementTree.SubElement(root.find("ModelVariables"), "Float64")
+            copy.attrib.update(variable(root, "K_p").attrib | {"name": "L", "valueReference": "99"})
+        element = variable(root, name)
+        old = element.get("unit")
+        (base,) = (u[0].attrib for u in root.find("UnitDefinitions") if u.get("name") == old)
+        define(root, "other", **base | {"factor": repr(factor), "offset": repr(offset)})
+        set_unit(element, None if declared else "other")
+        if declared:
+            types = root.find("TypeDefinitions")
+            ElementTree.SubElement(types, "Float64Type", name="Other", unit="other")
+            element.set("declaredType", "Other")
+
+    def use():
+        path = edited_fmu(edit)
+        MotorFmu(path, open_loop=True)
+        fmu = MotorFmu(path)
+        fmu.read(MotorParams._fields, {})
+        fmu.parameter(PHASE)
+        fmu.parameter("omega_start")
+        if name == "L":
+            fmu.parameter("L")
+
+    same = name == "time" or (factor, offset) == (1.0, 0.0)
+    refused = pytest.raises(FmuError, match=f"has '{name}' in other; export it in ")
+    with nullcontext() if same else refused:
+        use()
 
 
 def test_parameters_of_another_kind_and_refused_ones_are_named(edited_fmu, motor_fmu):

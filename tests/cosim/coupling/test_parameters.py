@@ -24,18 +24,23 @@ HEAVY = 2.0 * TABLE_II.J
 ONE = Scenario("one", "", ((5, 5),), (((15, 15),),))
 
 
-@pytest.fixture(scope="session")
-def heavy_fmu(tmp_path_factory):
-    """A user's motor: the built-in one with another inertia of its own."""
-    folder = tmp_path_factory.mktemp("heavy")
+def changed_fmu(folder, file, old, new):
+    """A user's motor: the built-in one with a change of its sources."""
     sources = shutil.copytree(models.ROOT, folder / "sources")
-    description = sources / "vibration_motor" / "VibrationMotor.xml"
-    text = description.read_text()
-    assert text.count(f'start="{TABLE_II.J!r}"') == 1
-    description.write_text(text.replace(f'start="{TABLE_II.J!r}"', f'start="{HEAVY!r}"'))
+    path = sources / "vibration_motor" / file
+    text = path.read_text()
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(models, "ROOT", sources)
         return build_fmu(folder, "VibrationMotor")
+
+
+@pytest.fixture(scope="session")
+def heavy_fmu(tmp_path_factory):
+    """One with another inertia of its own."""
+    old, new = (f'start="{value!r}"' for value in (TABLE_II.J, HEAVY))
+    return changed_fmu(tmp_path_factory.mktemp("heavy"), "VibrationMotor.xml", old, new)
 
 
 @pytest.fixture
@@ -171,3 +176,23 @@ def test_motors_that_are_too_weak_are_told(command, tmp_path):
     done = command("run", "--scenario", "1a", "--method", "shortest", "--out", tmp_path, *weak)
     assert done.returncode == 2
     assert "the motors are too weak to move the robot: they reach" in done.stderr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("driver", ["compiled", "reference"])
+def test_a_motor_that_wraps_its_angle_moves_the_robot_as_one_that_does_not(
+    driver, motor_fmu, tmp_path
+):
+    """Also where the angle is interpolated over communication steps in which it is wrapped."""
+    whole = "theta - 6.283185307179586 * (double)(int64_t)(s->x.theta / 6.283185307179586)"
+    wrapped = changed_fmu(tmp_path, "single.c", "s->x.theta;\n", f"s->x.{whole};\n")
+    timing = CoSimConfig().timing._replace(rl_step_s=0.05, communication_step_s=1e-3)
+    found = []
+    for fmu in (motor_fmu, wrapped):
+        system = CoSimulation(ONE, fmu, CoSimConfig(timing=timing), driver=driver)
+        system.reset(((15, 15),), 0)
+        found.append(system.step(np.array([2])).samples)
+        system.close()
+    plain, other = found
+    assert np.abs(plain.theta).max() > 4.0 * np.pi > 2.0 * np.pi > np.abs(other.theta).max()
+    np.testing.assert_allclose(other.position, plain.position, rtol=1e-9)

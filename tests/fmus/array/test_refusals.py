@@ -102,3 +102,17 @@ def test_a_motor_beyond_all_bounds_is_named_and_the_step_undone(array):
     assert motors.do_step(0.01, STEP_S) == OK
     first, second = motors.get("theta")[0, :2]
     assert 0.0 < second < 1e-3 * first  # which alone was not to restart
+
+
+def test_an_unstable_motor_is_named_before_the_next_step(array):
+    motors = array(3).start(omega_des=700.0)
+    assert motors.do_step(0.0, STEP_S) == OK
+    assert motors.set(J=np.array([2.67e-9, 5e-13, 1e-13])) == OK
+    before = motors.save()
+    least = "J of motor 2 cannot be 5e-13", "step_size 1e-05 s; the least"
+    motors.refused(motors.do_step(STEP_S, STEP_S), *least)
+    assert motors.save() == before
+    other = array(3).start()
+    assert other.load(before) == OK
+    other.refused(other.do_step(STEP_S, STEP_S), *least)
+    assert motors.set(J=2.67e-9) == motors.do_step(STEP_S, STEP_S) == OK

@@ -1,11 +1,14 @@
 """Refusals, rollback and messages, of both standards, and of an array of one motor."""
 
 import ctypes
+import re
 
 import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave, fmi3LogMessageCallback
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from cosim.model.params import TABLE_II, TIMING
 
@@ -127,8 +130,7 @@ def test_calls_in_the_wrong_state_are_refused(instance, kind):
 
 @pytest.mark.parametrize(
     ("start", "step_s", "d"),
-    [({"step_size": 1e-2, "J": 1e-15, "K_p": 1e6, "V_s_max": 1e300}, 10.0, 0.0),
-     ({}, STEP_S, 1e300)],
+    [({"step_size": 5e-3}, 10.0, 1e93), ({}, STEP_S, 1e300)],
     ids=["explosion", "derivative"],
 )  # fmt: skip
 def test_a_speed_beyond_all_bounds_is_refused_and_undone(instance, kind, start, step_s, d):
@@ -263,3 +265,40 @@ def test_unknown_log_categories_are_refused_and_change_nothing(instance, kind, l
         assert told(motor) == logging
     if logging:
         assert f'no log category "{category or ""}"; use {CATEGORY}' in motor.messages[0]
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(
+    K_T=st.floats(1e-4, 1e-2),
+    R=st.floats(0.5, 100.0),
+    b=st.sampled_from([0.0, 1e-8, 1e-6]),
+    K_p=st.sampled_from([0.0, 0.015, 1.0]),
+    K_i=st.sampled_from([0.0, 0.025, 10.0]),
+    step_size=st.sampled_from([1e-6, 1e-5, 1e-3]),
+)
+def test_the_least_inertia_is_where_the_speed_stops_to_swing_up(instance, kind, step_size, **own):
+    """By the eigenvalues of a step without weight and friction, and by the speeds of the FMU."""
+    wanted = own | {"step_size": step_size, "J": 1e-15, "m": 0.0, "c": 0.0, "V_s_max": 1e9}
+    motor = instance(kind)
+    assert motor.set(**wanted) == motor.enter_initialization() == OK
+
+    def growth() -> float:
+        """Largest size of an eigenvalue of speed and integral."""
+        volts, rate = own["K_T"] / own["R"], step_size / (0.99 * wanted["J"])
+        pull = rate * (own["b"] + volts * (own["K_T"] + own["K_p"]))
+        loop = [[1.0 - pull, rate * volts * wanted["K_i"]], [-step_size, 1.0]]
+        return np.abs(np.linalg.eigvals(np.array(loop))).max()
+
+    while motor.call("ExitInitializationMode") == ERROR:
+        before = motor.save()
+        motor.refused(motor.call("ExitInitializationMode"), "swing up", f"step_size {step_size:g}")
+        assert motor.save() == before
+        ((name, value),) = re.findall(r": (J|K_i) .* is (\S+)$", motor.messages[-1])
+        wanted[name] = float(value)
+        if name == "J":
+            assert growth() > 1.0
+        assert motor.set(**{name: wanted[name]}) == OK
+    assert motor.set(omega_des=100.0) == OK
+    for k in range(20):
+        assert motor.do_step(100 * k * step_size, 100 * step_size) == OK
+    assert abs(motor.get("omega")[0]) < 1e3
