@@ -10,6 +10,7 @@ from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 
 from analysis.figures.fig05 import draw_board, robot_colour
@@ -21,6 +22,7 @@ from cosim.recording.reader import Episode
 
 FRAMES_PER_S = 12
 _TRAIL_S = 30.0  # simulated time of a trail
+_BESIDE = 1.7  # cells from the left edge of a target to the middle of its number
 
 
 @styled
@@ -41,9 +43,8 @@ def write_video(
     axes.set(xlabel="", xticks=[], yticks=[])
     drawn = [_robot(axes, episode, number) for number in range(len(episode.robots))]
     for number, (x, y) in enumerate(scenario.targets):
-        _number(axes, number, scenario.robots).set_position(
-            (100.0 * scenario.cell_m * (x + 0.5), 100.0 * scenario.cell_m * (y + 0.5))
-        )
+        beside = 100.0 * scenario.cell_m * (x + _BESIDE), 100.0 * scenario.cell_m * (y + 0.5)
+        _number(axes, number, scenario.robots).set_position(beside)
     times_s = [*np.arange(0.0, episode.time_s, speed / FRAMES_PER_S).tolist(), episode.time_s]
     with replacing(out) as temporary, writer.saving(figure, str(temporary), dpi=100):
         for time_s in times_s:
@@ -74,8 +75,9 @@ def _writer(out: Path) -> FFMpegWriter | PillowWriter:
 
 def _number(axes: Axes, robot: int, robots: int) -> Text:
     """Write the number of one of several robots on the board, as colours are used in turn."""
-    style = {"ha": "center", "va": "center", "fontsize": 7, "clip_on": True}
-    return axes.text(0.0, 0.0, str(robot + 1) if robots > 1 else "", style)
+    style = {"ha": "center", "va": "center", "fontsize": 7, "clip_on": True, "zorder": 3}
+    edge = [withStroke(linewidth=2.0, foreground="white")]
+    return axes.text(0.0, 0.0, str(robot + 1) if robots > 1 else "", style, path_effects=edge)
 
 
 def _robot(axes: Axes, episode: Episode, number: int) -> Callable[[float], None]:

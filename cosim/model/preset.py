@@ -9,7 +9,7 @@ with a text for each of them; at the top of the file it says so of the machine.
 
 import json
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -87,7 +87,7 @@ class Preset(NamedTuple):
         machine with other motors has none before its calibration.
         """
         tree = {name: leaf for each in (self.tree, *trees) for name, leaf in each.items()}
-        self._require_effect(tree, {name for each in trees for name in each})
+        self._require_effect(tree)
         robot, motor = (
             validate_argument(
                 name, [tree.get(n, (v,))[0] for n, v in usual._asdict().items()], type(usual)
@@ -100,10 +100,10 @@ class Preset(NamedTuple):
             steering = not_calibrated(robot.motors_count)
         return CoSimConfig(preset=self.name).merged(steering, tree)
 
-    def _require_effect(self, tree: Mapping[str, tuple[Any, str]], later: Set[str]) -> None:
-        """Refuse values that others make void; `later` are names that no machine stated."""
+    def _require_effect(self, tree: Mapping[str, tuple[Any, str]]) -> None:
+        """Refuse values that others make void."""
         mounts, _ = tree.get("motors", ((), ""))
-        own = [{name for name, _ in mount.own} for mount in mounts]
+        own = [dict(mount.own) for mount in mounts]
         stated = {*tree}.union(*own)
         for name, (where, fields) in _NO_EFFECT.items():
             if not tree.get(name, (None,))[0]:
@@ -113,11 +113,13 @@ class Preset(NamedTuple):
                     raise UserError(
                         f"{SHOWN.get(field, field)} has no effect {where}; leave it out"
                     )
-        for name in sorted(later & set.intersection(*own)) if own else ():
-            raise UserError(
-                f"{name} has no effect: every motor of preset {self.name} states its own; leave it "
-                "out, or take it out of the tables [[motor]]"
-            )
+        for name, (value, _) in tree.items():
+            theirs = [each[name] for each in own if name in each]
+            if len(theirs) == len(own) and any(each != value for each in theirs):
+                raise UserError(
+                    f"{name} = {value} has no effect: every motor of preset {self.name} states its "
+                    "own; leave it out, or take it out of the tables [[motor]]"
+                )
 
     def board(self, scenario: Scenario) -> Scenario:
         """Return a scenario with robots of the diameter that it states, by default the machine's.

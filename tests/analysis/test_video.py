@@ -62,5 +62,5 @@ def test_more_robots_than_colours_have_numbers_and_so_have_their_targets(monkeyp
     for number, target in enumerate(episode.scenario.targets, 1):
         at = episode.signals[f"r{number}/position"].values[0]
         mine = [place for text, *place in texts if text == str(number)]
-        wanted = [(np.array(target) + 0.5) * episode.scenario.cell_m, at]
+        wanted = [np.add(target, (1.7, 0.5)) * episode.scenario.cell_m, at]
         assert np.sort(mine, axis=0) == pytest.approx(100.0 * np.sort(wanted, axis=0))

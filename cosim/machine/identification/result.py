@@ -176,6 +176,7 @@ def _preset(track: SeenTrack, name: str, preset: Preset, drive: Simulated, found
             mount._replace(own=tuple({**dict(mount.own), "r": motor.r}.items()))
             for mount, motor in zip(robot.motors, motors, strict=True)
         ]
+        tree.pop("r", None)  # what all stated alike before
         tree["motors"] = (tuple(own), f"{tree['motors'][1]}; unbalance over m {where}")
     else:
         motor_d, motor_e = motors

@@ -181,8 +181,11 @@ def test_what_a_motor_states_is_its_own(written):
         expected = {usual: TABLE_II.r, MOTOR: None}
         assert stated == [expected.get(table, 0.002) for table in tables]
     options = Physics(preset=written(usual * 2), motor_parameters=(("r", 0.0015),))
-    with pytest.raises(UserError, match="r has no effect: every motor of preset mine states its"):
+    with pytest.raises(UserError, match=r"r = 0\.0015 has no effect: every motor of preset mine"):
         options.config()
+    machine = find_preset(written(usual * 2))
+    with pytest.raises(UserError, match=r"r = 0\.001 has no effect"):
+        machine._replace(tree={**machine.tree, "r": (0.001, "edited")}).config()
     with pytest.raises(
         UserError, match=r"motor_speed_noise \(--noise\) has no effect where motors"
     ):
