@@ -116,6 +116,8 @@ def _planar(
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Place of a robot's centre of mass from its axis, and the axis's velocity; world frame."""
     centre = properties[CENTRE, column], properties[CENTRE + 1, column]
+    if centre[0] == 0.0 and centre[1] == 0.0:
+        return centre, (bodies[V_X, column], bodies[V_Y, column])
     x, y, _ = to_centre(rotation_matrix(orientation_of(bodies[:, column])), centre)
     rate = bodies[W_Z, column]
     return (x, y), (bodies[V_X, column] + rate * y, bodies[V_Y, column] - rate * x)
@@ -132,14 +134,16 @@ def _impulses(
         normal, both, tangential: elements of the symmetric matrix from impulses to them, 1/kg.
         mu: friction coefficient.
     """
-    without, share = -excess / normal, both / normal  # impulse without friction
+    without = -excess / normal  # impulse without friction
+    share = both / normal if both != 0.0 else 0.0
     friction = -(slip + both * without) / (tangential - both * share)
-    # Friction changes the normal impulse too: the limit is μ of what it leaves. Where it adds more
-    # than it needs, any slip ends.
-    room = 1.0 + math.copysign(mu, friction) * share
-    if room > 0.0:
-        limit = mu * without / room
-        friction = min(limit, max(-limit, friction))
+    limit = mu * without
+    if share != 0.0:
+        # Friction changes the normal impulse too: the limit is μ of what it leaves. Where it adds
+        # more than it needs, any slip ends.
+        room = 1.0 + math.copysign(mu, friction) * share
+        limit = limit / room if room > 0.0 else math.inf
+    friction = min(limit, max(-limit, friction))
     return without - share * friction, friction
 
 
