@@ -250,7 +250,7 @@ ROVER = Machine(
         {"place_m": [0.04, -0.04]},
     ),
 )
-SET_POINTS = (-400.0, 450.0, 300.0)
+SET_POINTS = (-700.0, 740.0, 600.0)
 
 
 def in_the_plant(machine: Machine, fmu: MotorFmu, set_points: tuple[float, ...]) -> np.ndarray:
