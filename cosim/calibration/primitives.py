@@ -54,6 +54,7 @@ ASIDE = 2.0  # what a motion aside costs, over what one ahead is worth
 TURNING_1_S = 2.0  # assumed: yaw rate of a driving robot per heading error, as the paper's has it
 LARGEST_SHARE = 0.1  # of the largest speed: bound on the difference that turns a driving robot
 LEAST_M_S, LEAST_RAD_S = 5e-5, 0.005  # below, a machine counts as not moving
+NO_GAIN = 1e-6  # in place of that of a difference that was not found
 
 
 class Primitive(msgspec.Struct, frozen=True):
@@ -256,7 +257,7 @@ def steered(
     for pair in (("leftwards", "rightwards"), ("left turn", "right turn")):  # share a speed
         speeds |= dict.fromkeys(pair, max(speeds[name] for name in pair))
     speeds |= dict.fromkeys(DIRECTIONS.keys() - can, 0.0)
-    none, ahead = np.zeros(config.robot.motors_count), found["forwards"]
+    none = np.zeros(config.robot.motors_count)
     shares = (
         np.array(found[n].set_points_rad_s) / speeds[n] if n in can else none for n in DIRECTIONS
     )
@@ -269,8 +270,10 @@ def steered(
     )
     turns = [value for name, value in along.items() if name not in DRIVES]
     rate = np.mean(turns or max(fastest[2], LEAST_RAD_S))
+    gains = {n: p.yaw_gain if any(p.difference) else NO_GAIN for n, p in found.items()}
+    gain = gains["forwards"]
     drives = (
-        Drive(along[n] / speed_m_s, found[n].yaw_gain / ahead.yaw_gain, found[n].difference)
+        Drive(along[n] / speed_m_s, gains[n] / gain, found[n].difference)
         if n in can
         else Drive(difference=tuple(none.tolist()))
         for n in DRIVES
@@ -287,8 +290,8 @@ def steered(
         max_speed_rad_s=top,
         drive_speed_m_s=speed_m_s,
         turn_rate_rad_s=float(rate),
-        yaw_gain=ahead.yaw_gain,
-        heading_gain_1_s=TURNING_1_S / ahead.yaw_gain,
+        yaw_gain=gain,
+        heading_gain_1_s=TURNING_1_S / gain,
         max_difference_rad_s=LARGEST_SHARE * top,
         dither_rad_s=0.0,
     )

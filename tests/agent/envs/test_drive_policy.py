@@ -153,13 +153,14 @@ def test_a_machine_that_cannot_be_steered_is_driven(tmp_path, monkeypatch, comma
     def found(*_: Any) -> dict[str, Primitive]:
         none = (0.0,) * motors
         return dict.fromkeys(
-            DIRECTIONS, Primitive((700.0,) * motors, best, (0.0,) * 3, 0.0, none, 1.0)
+            DIRECTIONS, Primitive((700.0,) * motors, best, (0.0, 0.0, 0.0), 0.0, none, 1e30)
         )
 
     monkeypatch.setattr(measuring, "find_primitives", found)
     options: Any = {"preset": preset, "time_limit": 2, "progress": None}
+    east: Any = type("East", (), {"act": lambda self, seen: [0]})()
     with pytest.raises(UserError, match=r"cannot steer: .* drive\(motion\)"):
-        mr.simulate("1a", type("East", (), {"act": lambda self, seen: [0]})(), **options)
+        mr.simulate("1a", east, **options)
     episode = mr.simulate("1a", Full(), **options)
     assert episode.outcome == "timeout"
     assert np.abs(episode.signals["/sim/r1/motors/omega"].values).max() > 100.0

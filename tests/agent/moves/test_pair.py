@@ -5,6 +5,7 @@ import itertools
 import math
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -36,7 +37,7 @@ ONE_WAY = (3.0, 5.0, 9.0, 13.0, 17.0, 13.5, 9.5, 5.5, 3.9, 6.5, 11.0, 15.0, 19.0
 
 def lasting(*seconds, **options):
     """A move of every kind, heading east or north-east first."""
-    facings = len(seconds) // 2
+    facings: Any = len(seconds) // 2
     moves = [
         Move(
             k // facings,
@@ -129,6 +130,7 @@ def seen(state):
 def test_moves_lead_to_the_least_time(policy, seconds, state):
     if seconds != SECONDS:
         policy = computed(lasting(*seconds, rl_step_s=0.1, through=True))
+    assert policy.config.moves is not None
     mean_s, taken = mean_seconds(policy.config.moves), 0.0
     state = tuple((x, y, facing % mean_s.shape[1]) for x, y, facing in state)
     expected = least_time(state, mean_s)

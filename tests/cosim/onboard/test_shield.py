@@ -264,7 +264,7 @@ def coast(robots, steering, pivot_m, period_s):
     """Steer robots for a period: they move as commanded if a motor runs, and turn about a point."""
     for command, estimate in zip(robots.commands, robots.estimates, strict=True):
         set_points, pose = np.empty(2), estimate[POSE : POSE + 3]
-        steer(command, *pose, period_s, steering, set_points)
+        steer(command, pose[0], pose[1], pose[2], period_s, steering, set_points)
         if set_points.any():
             yaw, angle = command[YAW_RATE], pose[2] + command[COURSE]
             turned = np.exp(1j * pose[2]) * yaw * complex(pivot_m[1], -pivot_m[0])
