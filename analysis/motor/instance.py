@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -29,8 +30,17 @@ def running(
     reference = {name: variable.valueReference for name, variable in motor.variables.items()}
     if lacking := start.keys() - reference.keys():
         raise FmuError(f"motor FMU {motor.path} has no '{min(lacking)}'; export it with one")
+    messages: deque[str] = deque(maxlen=1)
+
+    def take(_environment: Any, _status: Any, _category: Any, message: bytes) -> None:
+        messages.append((message or b"").decode("utf-8", "replace"))
+
     fmu: Any = instantiate_fmu(
-        motor.folder, motor.description, fmi_type="CoSimulation", debug_logging=True
+        motor.folder,
+        motor.description,
+        fmi_type="CoSimulation",
+        debug_logging=True,
+        logger=take,
     )
     setters = {bool: fmu.setBoolean, int: fmu.setInt64, float: fmu.setFloat64}
     try:
@@ -41,7 +51,9 @@ def running(
         yield fmu, reference
         fmu.terminate()
     except FMICallException as error:
-        raise FmuError(f"motor FMU {motor.path} failed: {error}") from error
+        raise FmuError(
+            f"motor FMU {motor.path} failed: {' '.join([str(error), *messages])}"
+        ) from error
     finally:
         fmu.freeInstance()
 
@@ -80,6 +92,7 @@ def require_parameters(motor: MotorFmu, names: Iterable[str]) -> None:
     ]
     for name in names:
         require_one_of("motor-parameter", name, known)
+        motor.parameter(name)  # in its unit
 
 
 class GivenMotor(NamedTuple):

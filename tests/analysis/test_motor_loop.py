@@ -317,5 +317,7 @@ def test_what_is_no_motor_test_is_refused_in_one_sentence(motor_fmu, tmp_path):
     for duration in (0.0, -1.0, math.inf):
         with pytest.raises(ConfigError, match="duration = "):
             StepTest(duration=duration)
+    with pytest.raises(UserError, match=r"J cannot be 5e-13: .*; the least .* is 2\.63"):
+        simulate(motor_fmu, StepTest(motor_parameters=(("J", 5e-13),)), "closed_loop")
     with pytest.raises(UserError, match="'K_t' is unknown; choose one of"):
         simulate(motor_fmu, StepTest(motor_parameters=(("K_t", 2e-4),)), "open_loop")

@@ -17,10 +17,17 @@ from cosim.base.arguments import ConfigError
 from cosim.base.errors import FileError, UserError
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.fmi.motor import MotorFmu
-from cosim.machine.identification.fit import Fit, unidentifiable
-from cosim.machine.identification.noise import Noise, deviance, likeliest_noise, residuals
+from cosim.machine.identification.fit import MOST_WIDENING, QUANTILE, Fit, _widened, unidentifiable
+from cosim.machine.identification.noise import (
+    LEAST_HEADING_RAD,
+    LEAST_POSITION_M,
+    Noise,
+    deviance,
+    likeliest_noise,
+    residuals,
+)
 from cosim.machine.identification.plausible import require_plausible
-from cosim.machine.identification.result import _preset
+from cosim.machine.identification.result import COLUMNS, Estimate, _mass_kg, _preset
 from cosim.machine.identification.simulated import (
     Machine,
     Simulated,
@@ -140,6 +147,22 @@ def test_noise_is_found_and_makes_residuals_of_variance_one():
         assert deviance(times, others, wrong) > deviance(times, errors, known)
     # independent from frame to frame
     assert abs(np.mean(errors[1:] * errors[:-1])) < 0.03
+
+
+def test_a_camera_without_noise_does_not_make_the_simulation_exact():
+    times = np.arange(100) / 30.0
+    found = likeliest_noise(times, np.zeros((100, 3)), np.zeros((100, 3)))
+    assert found[:2] == (LEAST_POSITION_M, LEAST_HEADING_RAD)
+
+
+def test_intervals_are_wider_where_the_model_is_not_linear():
+    nothing, linear = np.empty((0, 3)), QUANTILE**2
+    covariance = np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    found = Fit(np.zeros(3), covariance, Noise(1.0, 1.0, 1.0, 1.0), nothing, nothing, 1)
+    risen = np.array([[linear, math.nan], [linear / 4.0, linear], [9.0 * linear, -1.0]])
+    wider = _widened(found, risen)
+    np.testing.assert_allclose(wider.deviations, [1.0, 2.0, MOST_WIDENING])
+    assert wider.covariance[0, 1] == pytest.approx(1.0)
 
 
 def test_what_a_track_cannot_tell_is_said_by_name():
@@ -448,6 +471,23 @@ def test_the_preset_of_a_fast_camera_can_be_read(tmp_path):
     found = Fit(usual_values(), 1e-6 * np.eye(count), noise, still, track.poses, 1)
     _preset(track, "track.csv", find_preset("paper"), drive, found).save(tmp_path / "robot.toml")
     assert find_preset(tmp_path / "robot.toml").config().world.camera.rate_hz == 1000.0
+
+
+def test_there_are_no_intervals_in_doubt():
+    times, still = np.arange(100) / 30.0, np.zeros((100, 2))
+    track = SeenTrack(times, np.zeros((100, 3)), still)
+    drive, count = Simulated(still, still, times, CoSimConfig()), len(NAMES)
+    noise, doubts = Noise(5e-4, 0.01, 1e-7, 1e-3), ("three frames are off",)
+    found = Fit(usual_values(), 1e-6 * np.eye(count), noise, still, track.poses, 1, doubts)
+    preset = _preset(track, "track.csv", find_preset("paper"), drive, found)
+    assert preset.tree["mu"][1] == (
+        "identified from track.csv: without an interval: three frames are off"
+    )
+    assert _mass_kg(drive, found)[1:] == (None, None)
+    estimate = Estimate(
+        name="mu", description="", value=0.1, low=None, high=None, identifiable=True, rises=()
+    )
+    assert COLUMNS[3].text(estimate) == "none"
 
 
 @pytest.mark.slow
