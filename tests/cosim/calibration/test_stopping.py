@@ -14,6 +14,7 @@ from cosim.calibration.shielding import (
     corners,
     path_diameter,
     stopping_paths,
+    turning_path,
     with_stopping_distance,
 )
 from cosim.fmi.motor import MotorFmu, with_motor
@@ -180,3 +181,13 @@ def test_the_motors_of_a_user_are_those_that_are_measured(
     assert len(set(found)) == 3
     unknown = replace(read, motor=read.motor._replace(b=1e-9))  # the FMU cannot be given it
     assert stopping_m(with_stopping_distance(unknown, foreign)) > 0.0
+
+
+@pytest.mark.long
+def test_half_a_turn_moves_the_centre_around_its_circle(motor_fmu):
+    """The paper's robot turns about a point 2.8 mm ahead, and without its dither drifts, too."""
+    (moved_m,) = turning_path(CoSimConfig(), MotorFmu(motor_fmu))
+    assert 2.0 * 2.7e-3 < moved_m < 4.0 * 3e-3
+    slow = CoSimConfig().having("test", turn_speed_rad_s=300.0)
+    with pytest.raises(UserError, match="turn too slowly"):
+        turning_path(slow, MotorFmu(motor_fmu))
