@@ -108,7 +108,7 @@ def push(state: np.ndarray, params: BodyParams, wrenches: np.ndarray, tally: np.
         wrenches: (T, 6) force in N and moment about its axis at the height of its centre of mass in
             N m, body frame.
         tally: (5,) work in J of the wrenches, of normal forces and of friction, the largest work of
-            friction in one tick, and the number of ticks with unsolved contacts; added to.
+            both in one tick, and the number of ticks with unsolved contacts; added to.
     """
     contact, count = params.contact, len(params.contact.feet)
     order, (off_x, off_y) = contact.pairing.order, params.centre
@@ -127,15 +127,16 @@ def push(state: np.ndarray, params: BodyParams, wrenches: np.ndarray, tally: np.
         o = plus((0.0, 0.0, 0.0), 0.5, plus(spin, 1.0, turned))
         at_axis = plus(v, -1.0, cross(o, (off_x, off_y, 0.0)))
         tally[0] += params.dt * (dot(force, at_axis) + dot(moment, o))
-        rubbed = 0.0
+        pressed = rubbed = 0.0
         for k in range(count):
             foot, (x, y) = order[k], contact.feet[k]
             of_foot = plus(v, 1.0, cross(o, (x - off_x, y - off_y, contact.z)))
             first = NORMALS + count + 3 * foot
-            tally[1] += state[NORMALS + foot] * dot(axes[2], of_foot)
+            pressed += state[NORMALS + foot] * dot(axes[2], of_foot)
             rubbed += dot((state[first], state[first + 1], state[first + 2]), of_foot)
+        tally[1] += pressed
         tally[2] += rubbed
-        tally[3] = max(tally[3], rubbed)
+        tally[3] = max(tally[3], pressed + rubbed)
 
 
 def turning(

@@ -17,7 +17,7 @@ from tests.fmus.starts import motor_starts
 
 INPUTS = ("omega_des", "d", "omega_noise", "V_in")
 STATES = ("theta", "omega", "integral")
-STEP_S = 1e-2
+STEP_S = 1e-3
 PARAMETERS = (*TABLE_II._fields, "theta_start", "omega_start")
 SPECIFICATION = read_text("VibrationMotor", "VibrationMotor.mo")
 
