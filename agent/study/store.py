@@ -105,18 +105,25 @@ def _rows(path: Path, query: str, *values: str) -> list[Any]:
         return file.execute(query, values).fetchall() if tables else []
 
 
+def _cell(value: Any) -> Any:
+    """Return a parameter for a column of one type: JSON for what has lists in lists."""
+    nested = isinstance(value, list) and any(isinstance(inner, list) for inner in value)
+    return msgspec.json.encode(value).decode() if nested else value
+
+
 def export(folder: Path, path: Path) -> None:
     """Write all episodes of a folder to one Parquet file, a row each.
 
     Columns are those of `EpisodeResult`, the index of the start, what identifies the case, and
-    every parameter by its name.
+    every parameter by its name, lists in lists as JSON.
     """
     rows = list[dict[str, Any]]()
     query = "SELECT identity, start, result FROM episodes JOIN cases USING (digest)"
     for identity, start, text in _rows(folder / FILE, query):
         with parsing(folder / FILE, _KIND):
             case = msgspec.json.decode(identity)
-            case |= case.pop("parameters")
+            parameters = case.pop("parameters")
+            case |= {name: _cell(value) for name, value in parameters.items()}
             result = msgspec.json.decode(text, type=EpisodeResult)
         rows.append(case | msgspec.structs.asdict(result) | {"index": start})
     write_parquet(path, rows)

@@ -1,11 +1,10 @@
 """Every way in makes the same case of the same arguments, and refuses what changes nothing.
 
 Ways in are functions, commands, environments and pages. What they would simulate or train is
-caught before it is, and compared; one test simulates.
+caught before it is, and compared.
 """
 
 import inspect
-import json
 from dataclasses import fields
 from typing import Any
 
@@ -22,10 +21,8 @@ from agent.training.methods import method_config
 from agent.web.page import write_page
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
-from cosim.recording.series import DIRECTION_NAMES, with_bursts
+from cosim.recording.series import with_bursts
 from cosim.simulation.options import EpisodeOptions, SimulationOptions
-from cosim.simulation.simulate import draw_episode
-from cosim.simulation.tasks import Task, simulate_tasks
 from fmus.build import cached_fmu, identity_of_fmu
 from minirobots.commands.policies import Train
 
@@ -186,6 +183,8 @@ DRIVING = st.fixed_dictionaries(
 @given(MACHINES, WORLDS, DRIVING)
 def test_every_way_in_makes_the_same_case(ways, machine, world, driving):
     of, folder = ways
+    if machine == {"preset": "droplet"}:
+        driving = {name: driving[name] for name in driving if name != "noise"}  # no speed loop
     if world:
         (folder / "world.toml").write_text(world["world"])
         world = {"world": folder / "world.toml"}
@@ -206,7 +205,7 @@ def test_every_way_in_makes_the_same_case(ways, machine, world, driving):
     assert setup[0] == policy[0]
     learnt = of(ALONE, "moves")
     (experiment, *_), _ = learnt["train command"](**machine)
-    (config,), _ = learnt["train"](**machine)
+    (config, *_), _ = learnt["train"](**machine)
     assert policy_of(experiment) == policy_of(config)
 
 
@@ -280,48 +279,3 @@ def changes(ways, way, method, options):
             refused.append(name)
             assert name.replace("_", "-") in str(error).replace("_", "-"), error
     assert len(refused) < len(options) / 2 or method == "shortest", refused
-
-
-@pytest.mark.long
-def test_every_way_in_gives_the_same_episode(command, tmp_path, monkeypatch):
-    """Without noise, so that what each way in draws makes no difference."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "board.toml").write_text(ALONE)
-    (tmp_path / "world.toml").write_text(WALL.replace("motor_spread = 0.02", ""))
-    board, options = tmp_path / "board.toml", {"world": tmp_path / "world.toml", "noise": 0.0}
-    episode = mr.simulate(
-        board, mr.train(board, world=options["world"], method="shortest"), **options
-    )
-    actions = episode.texts["/rl/r1/action"].texts
-    expected = "success", episode.time_s
-    on = ("--scenario", board, *flags(options))
-    assert command("run", *on, "--method", "shortest", "--out", "run").returncode == 0
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    rows = [mr.evaluate("shortest", board, starts=1, **options)]
-    rows += mr.study("shortest", board, episodes=1, **options).rows
-    results = [msgspec.to_builtins(result) for row in rows for result in row.results.values()]
-    ended = command("evaluate", "shortest", *on, "--json")
-    (row,) = json.loads(ended.stdout.splitlines()[-1])["rows"]
-    length_cm, *lengths_cm = (
-        one["path_length_cm"] for one in (*summary["episodes"], *results, row)
-    )
-    assert lengths_cm == [length_cm] * len(lengths_cm)
-    times_s = [one["sim_time_s"] for one in (*summary["episodes"], *results, row)]
-    assert (*{*times_s}, *{one["outcome"] for one in results}) == expected[::-1]
-    environment = parallel_env(board, cosim=True, decision="period", **options)
-    environment.reset(seed=0)
-    infos: Any = None
-    for action in actions:
-        *_, infos = environment.step({"robot_1": DIRECTION_NAMES.index(action)})
-    assert infos["robot_1"]["is_success"]
-    assert round(infos["robot_1"]["path_length"], 6) == length_cm
-    played = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("agent.web.page._world", lambda *given: played.append(given) or {})
-        patch.setattr("agent.web.page._html", lambda *_: b"")
-        write_page(tmp_path / "p.html", board, SimulationOptions(**options), method="shortest")
-    ((_, policy, setup, seed),) = played
-    starts, noise = draw_episode(setup.scenario, seed, 0)
-    tasks = [Task(setup.scenario, setup.fmu, setup.config, policy, starts, noise)]
-    ((_, result),) = simulate_tasks(tasks, 1)
-    assert (result.outcome, result.sim_time_s, result.path_length_cm) == (*expected, length_cm)

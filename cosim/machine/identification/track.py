@@ -123,7 +123,7 @@ def _table(path: Path, wanted: Mapping[str, str]) -> tuple[np.ndarray, list[int]
             if content.lstrip()[:1] in tuple(COMMENTS):
                 raise ValueError(f"line {line} is a comment; leave comments out")
         separator = max(",;\t", key=text[0].count)
-        if separator not in text[0]:
+        if text[0] and separator not in text[0]:
             raise ValueError(
                 "line 1 has one column; separate cells by commas, semicolons or tabs, not by blanks"
             )

@@ -46,7 +46,7 @@ def test_contacts_that_are_not_solved_are_refused(array_fmu):
 
 def test_a_robot_that_tips_over_in_a_trial_is_named_with_the_time(motor_fmu):
     """It slides at first, and friction turns it over: its centre of mass is high."""
-    config = CoSimConfig().having("test", com_height_m=0.2)
+    config = CoSimConfig().having("test", com_height_m=0.2, height_m=0.25)
     with Trial(MotorFmu(motor_fmu), config, np.zeros(2), np.random.SeedSequence(0)) as trial:
         trial.set_motors(DRIVES)
         trial.bodies[V_X, 1] = 1.0
