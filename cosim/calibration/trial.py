@@ -148,8 +148,9 @@ class Trial:
         try:
             self._driver.advance(self._plant, self._state, noise, samples, raw)
         except FaultError as error:
+            name = f"robot {error.column + 1} of a trial"
             end_s = self.time_s + error.ticks * self._config.timing.dt_s
-            raise error.locate(f"robot {error.column + 1} of a trial", end_s) from None
+            raise error.locate(name, end_s, self._config.preset) from None
         self._tick += periods * self._config.ticks_per_period
         return Samples(*(signal[:, :n] for signal in samples))
 

@@ -60,13 +60,13 @@ class FaultError(UserError):
     """
 
     def __init__(self, text: str, column: int = 0, ticks: int = 0) -> None:
-        """Keep what is wrong; in the text, {robot} and {time_s} are for `locate`."""
+        """Keep what is wrong; in the text, {robot}, {time_s} and {machine} are for `locate`."""
         super().__init__(text)
         self.column, self.ticks = column, ticks
 
-    def locate(self, robot: str, time_s: float) -> "FaultError":
-        """Return this error with the robot and the simulated time in its message."""
-        self.args = (str(self).format(robot=robot, time_s=time_s),)
+    def locate(self, robot: str, time_s: float, machine: str) -> "FaultError":
+        """Return this error with the robot, the simulated time and the machine in its message."""
+        self.args = (str(self).format(robot=robot, time_s=time_s, machine=machine),)
         return self
 
 
@@ -79,11 +79,11 @@ class FallError(FaultError):
 
 
 _FALLS = {
-    TIPPED: "{robot} tips over at {time_s:.2f} s of simulated time; lower its centre of mass, move "
-    "its feet outwards, or drive it slower",
+    TIPPED: "{robot} tips over at {time_s:.2f} s of simulated time; lower the centre of mass of "
+    "machine {machine}, move its feet outwards, or drive it slower",
     DIVERGED: "the contacts of {robot} with the floor are not solved in over 1 % of the time up to "
-    "{time_s:.2f} s; move its feet outwards, lower its centre of mass, or correct its moments of "
-    "inertia",
+    "{time_s:.2f} s; move the feet of machine {machine} outwards, lower its centre of mass, or "
+    "correct its moments of inertia",
 }
 
 

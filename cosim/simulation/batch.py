@@ -247,7 +247,7 @@ class Batch:
                 else:  # all lanes of a vector are computed
                     name += " of a place without an episode"
                 end_s = start_s + error.ticks * self.config.timing.dt_s
-                raise error.locate(name, end_s) from None
+                raise error.locate(name, end_s, self.config.preset) from None
             yield samples, raw
             for place, episode in going_on.items():
                 episode.pass_periods(int(state.periods[place]))
