@@ -76,13 +76,13 @@ def drawing_of(result: PlatformResult, drive: str = "") -> Drawing:
     row = int(np.argmin(np.abs(table.mu - numbers["table_ii_mu"])))
     slip, drift = map(float, table.slip_and_drift_speed_rad_s[row])
     numbers |= {"slip_speed_rad_s": slip, "drift_speed_rad_s": drift}
-    step_um, other_mm = numbers["table_ii_step_um"], numbers["paper_step_um"] / 1e3
+    step_um, other_mm = numbers["table_ii_step_um"], numbers["fig_3_step_um"] / 1e3
     omega, mu = numbers["table_ii_omega_rad_s"], numbers["table_ii_mu"]
     return Drawing(
         draw(result),
         (
             f"The platform that resembles the printed figure moves {other_mm:.2f} mm a turn at "
-            f"{numbers['paper_omega_rad_s']:.0f} rad/s with assumed masses and µ = "
+            f"{numbers['fig_3_omega_rad_s']:.0f} rad/s with assumed masses and µ = "
             f"{numbers['fig_3_mu']:g}.",
             f"The robot of Tables I and II moves {step_um:.1f} µm a turn at {omega:.0f} rad/s with "
             f"µ = {mu:g}; with µ = {table.mu[row]:g} it slides above {slip:.0f} rad/s and gets "
