@@ -13,9 +13,11 @@ from cosim.machine.identification.track import SeenTrack
 # which nothing in a track tells; and the share of the time that they may do so.
 LEAST_GAP_RAD_S, MOST_SHARE = 50.0, 0.2
 # Of the correlation of motions seen and simulated: what a right track has at least, with motors
-# that turn both ways and with others, by how much a fault must explain it better to be named, and
-# how near to that others are named too.
-SURE, SURE_UNSIGNED, BETTER, NEAR = 0.5, 0.8, 0.1, 0.25
+# that turn both ways and with others (a Kilobot whose parameters all differ has 0.49); what a fault
+# must give to be named, and by how much better it must explain the track; and how near to that
+# others are named too.
+LEAST, LEAST_UNSIGNED = 0.3, 0.8
+SURE, BETTER, NEAR = 0.5, 0.1, 0.25
 STILL = 0.01  # of the seen motions: a simulation with less hardly moves
 ARM_M = 0.02  # turns count as the way of a point at this distance
 # What columns might be: signs of x, y and heading, and its offset; and factors of motor speeds.
@@ -46,7 +48,7 @@ def require_plausible(name: str, track: SeenTrack, drive: Simulated) -> None:
     agreements = dict(_agreements(track, drive))
     own, best = agreements[""], max(agreements.values())
     signed = track.commands.min() < 0.0
-    if own >= max(SURE if signed else SURE_UNSIGNED, best - BETTER):
+    if own >= max(LEAST if signed else LEAST_UNSIGNED, best - BETTER):
         _require_phases(name, track)
         return
     fixes = [fix for fix, agreement in agreements.items() if fix and agreement > best - NEAR]

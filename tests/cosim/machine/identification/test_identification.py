@@ -528,7 +528,7 @@ def test_a_machine_of_its_own_is_identified_from_its_track(tmp_path, command, na
     truth = usual_values(config.robot)
     truth += [0.4 * sign * p.spread for sign, p in zip((1, -1) * 8, parameters, strict=False)]
     truth[-1] = 1e-3 * CAMERA.delay_ms
-    write_track(tmp_path / "track.csv", observed(truth, excitation(config)[:4], config))
+    write_track(tmp_path / "track.csv", observed(truth, excitation(config)[:10], config))
     out = tmp_path / "robot"
     options = ("--preset", given, "--out", out, "--json")
     done = command("identify-robot", tmp_path / "track.csv", *options)
