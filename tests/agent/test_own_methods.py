@@ -89,8 +89,15 @@ def by_commands(command, folder: Path, *, short: bool) -> list[Policy]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("tables", [1, 2, 3])
-@pytest.mark.parametrize("settings", ["", ", settings=short"], ids=["usual", "settings"])
+@pytest.mark.parametrize(
+    ("tables", "settings"),
+    [
+        (1, ""),
+        (2, ", settings=short"),
+        *(pytest.param(*rest, marks=pytest.mark.slow) for rest in ((2, ""), (3, ""))),
+        *(pytest.param(n, ", settings=short", marks=pytest.mark.slow) for n in (1, 3)),
+    ],
+)
 def test_every_door_makes_the_same_policy(folder, command, tables, settings):
     (folder / "own_rules.py").write_text(RULE.format(tables=tables, settings=settings))
     name, board = "own_rules:rule", "near.toml"

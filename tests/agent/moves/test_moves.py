@@ -418,7 +418,7 @@ SLOW = {"drive_speed_m_s": 8e-4, "forward_speed_rad_s": 680.0, "backward_speed_r
     ("cell_m", "own"),
     [
         pytest.param(0.2, {}, marks=pytest.mark.long),
-        pytest.param(0.03, SLOW, marks=pytest.mark.long),
+        pytest.param(0.03, SLOW, marks=pytest.mark.slow),
     ],
 )
 def test_moves_that_take_longer_are_observed_to_their_ends(monkeypatch, cell_m, own):
