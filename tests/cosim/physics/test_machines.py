@@ -187,7 +187,7 @@ def test_a_droplet_moves_alike_in_another_direction(motor_fmu):
 def test_a_motor_without_a_mass_changes_nothing(motor_fmu):
     """It has the others' shafts described in three dimensions; with the body's reaction on them."""
     base = silent(CoSimConfig(reaction=True))
-    still = Mount((0.018, 0.0, 0.003), (0.6, 0.0, 0.8), (("m", 1e-15), ("J", 1e-15)))
+    still = Mount((0.018, 0.0, 0.003), (0.6, 0.0, 0.8), (("m", 1e-15), ("J", 3e-12)))
 
     def bodies(*motors: Mount) -> np.ndarray:
         robot = TABLE_I._replace(motors=(*mounts_of(TABLE_I), *motors))
