@@ -1,7 +1,6 @@
 """The examples of docs/: pages followed as they stand, docstrings, and every notebook."""
 
 import doctest
-import json
 import re
 import shlex
 import subprocess
@@ -81,10 +80,9 @@ def test_tutorial_runs_as_written(follow, tmp_path, capsys):
     follow("tutorial.md")
     assert "success after" in capsys.readouterr().out
     runs = tmp_path / "runs"
-    for name, share in (("greedy", 0.0), ("learnt", 1.0)):
-        (row,) = json.loads((runs / name / "evaluation.json").read_text())["rows"]
-        assert (row["episodes"], row["success"], row["collision"]) == (10, share, 1.0 - share)
-    export(runs / "learnt", runs / "episodes.parquet")  # a policy's file is known, an object is not
+    assert any((runs / "greedy" / "recordings").iterdir())
+    assert not (runs / "greedy" / FILE).exists()  # a policy's file is known, an object is not
+    export(runs / "learnt", runs / "episodes.parquet")
     outcomes = parquet.read_table(runs / "episodes.parquet")["outcome"].to_pylist()
     assert outcomes == ["success"] * 10
     assert (runs / "claim" / FILE).exists()  # certified: the command has status 0
