@@ -72,7 +72,7 @@ def python(
 
 
 def lives(pid: int) -> bool:
-    """Return whether a process runs, on Linux; one that nobody waits for has ended all the same."""
+    """Return whether a process runs, on Linux; a zombie has ended."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:

@@ -22,15 +22,8 @@ from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.base.storage import cache_dir
 from tests.agent.conftest import NEAR
+from tests.agent.study.test_transfer import BOARD
 
-BOARD = """
-columns = 14
-rows = 14
-robots = [
-    { target = [3, 6], starts = [[3, 7], [3, 8]] },
-    { target = [10, 6], starts = [[10, 5], [10, 4]] },
-]
-"""
 # A rule with any number of tables, each of which is valued by the next one.
 RULE = '''
 import numpy as np
