@@ -19,6 +19,7 @@ from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached, write_json
 from cosim.calibration.trial import Trial, mean_motion
+from cosim.coupling.master import FallError
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import Drive, MotorShares
@@ -54,6 +55,7 @@ ASIDE = 2.0  # what a motion aside costs, over what one ahead is worth
 TURNING_1_S = 2.0  # assumed: yaw rate of a driving robot per heading error, as the paper's has it
 LARGEST_SHARE = 0.1  # of the largest speed: bound on the difference that turns a driving robot
 LEAST_M_S, LEAST_RAD_S = 5e-5, 0.005  # below, a machine counts as not moving
+FALLEN = 1.0  # in place of the share of time in the air, of a robot that does not stand any more
 NO_GAIN = 1e-6  # in place of that of a difference that was not found
 
 
@@ -78,13 +80,14 @@ class _Search:
         self.top = FASTEST * np.array(config.top_speeds_rad_s)  # of each motor
         self.reach_m = 0.5 * config.robot.diameter_m
         self._drives = 0
+        self.fall: FallError | None = None  # the last one
 
     def drive(self, set_points: np.ndarray, seconds: float) -> np.ndarray:
         """Drive robots at their set points (T, N).
 
         Returns:
             (T, 4) mean speeds ahead and to the left and yaw rate times the robot's radius, all in
-            m/s, and the share of time in the air.
+            m/s, and the share of time in the air; 0 and FALLEN of robots that fall.
         """
         self._drives += 1
         parts = [set_points[k : k + TOGETHER] for k in range(0, len(set_points), TOGETHER)]
@@ -98,20 +101,34 @@ class _Search:
         self, set_points: np.ndarray, seed: np.random.SeedSequence, seconds: float
     ) -> np.ndarray:
         config, period_s = self.config, self.config.timing.control_period_s
-        with Trial(self._fmu, config, np.zeros(len(set_points)), seed) as trial:
-            trial.set_motors(set_points)
-            trial.advance(round(SETTLE_S / period_s))
-            before, samples = trial.poses, trial.advance(round(seconds / period_s))
+        fallen = np.zeros(len(set_points), dtype=bool)
+        while True:
+            try:
+                with Trial(self._fmu, config, np.zeros(len(set_points)), seed) as trial:
+                    trial.set_motors(np.where(fallen[:, None], 0.0, set_points))
+                    trial.advance(round(SETTLE_S / period_s))
+                    before, samples = trial.poses, trial.advance(round(seconds / period_s))
+                break
+            except FallError as error:  # the others drive again, with the same noise
+                if fallen[error.column]:  # at rest
+                    raise
+                fallen[error.column], self.fall = True, error
         motion = mean_motion(before, [samples], period_s)
         motion[:, 2] *= self.reach_m
-        return np.column_stack([motion, samples.airborne_share.mean(axis=0)])
+        found = np.column_stack([motion, samples.airborne_share.mean(axis=0)])
+        found[fallen] = 0.0, 0.0, 0.0, FALLEN
+        return found
 
     def score(self, motion: np.ndarray, towards: np.ndarray) -> np.ndarray:
-        """Speed in a direction less ASIDE times that in the others; hopping counts as standing."""
+        """Speed in a direction less ASIDE times that in the others; -1 if unusable."""
         along = motion[:, :3] @ towards
         aside = np.abs(motion[:, :3] - np.outer(along, towards)).sum(axis=1)
-        hops = (motion[:, 3] > 0.0) & (self.config.steering.pulse_s == 0.0)
-        return np.where(hops, -1.0, along - ASIDE * aside)
+        return np.where(self.usable(motion), along - ASIDE * aside, -1.0)
+
+    def usable(self, motion: np.ndarray) -> np.ndarray:
+        """Return which robots (T,) kept standing, and did not hop unless their motors pulse."""
+        share, pulsed = motion[:, 3], self.config.steering.pulse_s > 0.0
+        return (share == 0.0) | (pulsed & (share < FALLEN))
 
     def refined(self, best: np.ndarray, towards: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Better set points near some, and slopes (4, N) of a fit: motion and air by set point."""
@@ -125,7 +142,8 @@ class _Search:
             tried[0] = best
             motion = self.drive(tried, CHANGES_S)
             design = np.column_stack([np.ones(CHANGES), (tried - best)[:, moving]])
-            fit = np.linalg.lstsq(design, motion, rcond=None)[0]
+            stood = motion[:, 3] < FALLEN
+            fit = np.linalg.lstsq(design[stood], motion[stood], rcond=None)[0]
             fitted = np.zeros_like(slopes)
             fitted[:, moving] = fit[1:].T
             slopes = fitted if spread == SPREADS[0] else slopes  # of large changes: the surest
@@ -147,9 +165,11 @@ class _Search:
         return best, slopes
 
     def primitive(self, set_points: np.ndarray, slopes: np.ndarray) -> Primitive:
-        """Measure what set points do, again and again."""
+        """Measure what set points do, again and again; nothing if a robot falls meanwhile."""
         motion = self.drive(np.tile(set_points, (REPEATS, 1)), REPEATS_S)
         motion[:, 2] /= self.reach_m
+        if (motion[:, 3] == FALLEN).any():
+            motion[:, :3] = 0.0
         turning = np.linalg.pinv(slopes[:3], rcond=1e-3) @ (0.0, 0.0, self.reach_m)
         largest = max(float(np.abs(turning).max()), 1e-30)
         mean, spread = motion[:, :3].mean(axis=0), motion[:, :3].std(axis=0, ddof=1)
@@ -177,6 +197,12 @@ def search(
     task, rounds = "finding motion primitives", 1 + len(DIRECTIONS)
     progress(task, 0, rounds)
     motion = run.drive(library, LIBRARY_S)
+    if not (run.usable(motion) & library.any(axis=1)).any():
+        hops = "its feet leave the floor in all of them; make it heavier, or its motors weaker"
+        raise UserError(
+            f"machine {config.preset} cannot drive at any of {LIBRARY} set points that were tried: "
+            f"{run.fall or hops}"
+        )
     found = {}
     for number, (name, direction) in enumerate(DIRECTIONS.items(), 1):
         progress(task, number, rounds)
@@ -235,24 +261,19 @@ def able(primitive: Primitive, name: str, reach_m: float) -> bool:
     return along > max(least, 2.0 * aside)
 
 
-def steered(
-    config: CoSimConfig, found: dict[str, Primitive], *, directed: bool = True
-) -> CoSimConfig:
+def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
     """Return a configuration whose steering has the primitives of its machine.
 
-    A machine that cannot drive back turns around.
-
-    Args:
-        directed: whether it shall follow directions; then a machine that cannot drive ahead, or
-            cannot turn both ways, raises a UserError. Otherwise it lacks what it cannot do.
+    A machine that cannot drive back turns around. One that cannot drive ahead, or cannot turn both
+    ways, raises a UserError.
     """
     reach_m = 0.5 * config.robot.diameter_m
     can = {name for name, primitive in found.items() if able(primitive, name, reach_m)}
-    if directed and not {"left turn", "right turn", "forwards"} <= can:
-        raise UserError(cannot(found, can))
+    if not {"left turn", "right turn", "forwards"} <= can:
+        raise UserError(_cannot(config.preset, found, can))
     # With the sides but not backwards, the robot's heading would not follow from its last move.
-    for needed in ({"backwards", "leftwards", "rightwards"}, {"left turn", "right turn"}):
-        can -= set() if needed <= can else needed - {"backwards"}
+    if not {"backwards", "leftwards", "rightwards"} <= can:
+        can -= {"leftwards", "rightwards"}
     speeds = {n: float(np.abs(found[n].set_points_rad_s).max()) for n in DIRECTIONS}
     for pair in (("leftwards", "rightwards"), ("left turn", "right turn")):  # share a speed
         speeds |= dict.fromkeys(pair, max(speeds[name] for name in pair))
@@ -263,13 +284,8 @@ def steered(
     )
     rows = zip(*shares, strict=True)
     along = {n: abs(float(np.array(found[n].mean) @ DIRECTIONS[n])) for n in DIRECTIONS if n in can}
-    # Where a machine lacks all drives, or turns, its fastest motion is the unit of observations.
-    fastest = np.abs([primitive.mean for primitive in found.values()]).max(axis=0)
-    speed_m_s = float(
-        np.mean([along[n] for n in DRIVES if n in can] or max(*fastest[:2], LEAST_M_S))
-    )
-    turns = [value for name, value in along.items() if name not in DRIVES]
-    rate = np.mean(turns or max(fastest[2], LEAST_RAD_S))
+    speed_m_s = float(np.mean([along[n] for n in DRIVES if n in can]))
+    rate = np.mean([value for name, value in along.items() if name not in DRIVES])
     gains = {n: p.yaw_gain if any(p.difference) else NO_GAIN for n, p in found.items()}
     gain = gains["forwards"]
     drives = (
@@ -297,14 +313,17 @@ def steered(
     )
 
 
-def cannot(found: dict[str, Primitive], can: set[str]) -> str:
+def _cannot(machine: str, found: dict[str, Primitive], can: set[str]) -> str:
     """Return the message that refuses a machine which cannot navigate."""
     lacking = [name for name in ("forwards", "left turn", "right turn") if name not in can]
     best = max(found.values(), key=lambda p: math.hypot(*p.mean[:2]))
     speed, rate = 1e3 * math.hypot(*best.mean[:2]), math.degrees(best.mean[2])
+    falls = any(found[name].airborne_share == FALLEN for name in lacking)
     return (
-        f"this machine cannot steer: found nothing for {', '.join(lacking)}; its best motion is "
+        f"machine {machine} cannot steer: found nothing for {', '.join(lacking)}"
+        f"{', which it does not do without falling over' if falls else ''}; its best motion is "
         f"{speed:.2f} mm/s with {rate:+.1f} °/s at set points "
         f"{', '.join(f'{value:.0f}' for value in best.set_points_rad_s)} rad/s; change motors or "
-        "feet, or let a policy that has drive(motion) command the set points (docs/environments.md)"
+        "feet, or command its set points by a policy that has drive(motion) or by Drive-v0 with "
+        "action = motors (docs/environments.md)"
     )

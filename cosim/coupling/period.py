@@ -49,6 +49,7 @@ from cosim.physics.body_state import (
     Y,
     Z,
     frictions,
+    is_upright,
     orientation_of,
     read_vector,
 )
@@ -61,8 +62,6 @@ from cosim.physics.rotation import Vector, heading, plus, rotation_matrix, to_wo
 # Faults, in place of an outcome: the model does not describe the robot from then on, see
 # `cosim.coupling.master.FaultError`.
 TIPPED, DIVERGED = 100, 101
-# A robot whose axis is more than 60° off the vertical does not return to its feet.
-LEAST_UPRIGHT = 0.5
 # Share of ticks whose contacts may stay unsolved. The robot's speed is wrong by up to a tenth where
 # 3 % do. LEAST_UNSOLVED: ticks in a row, in addition to it.
 UNSOLVED_SHARE, LEAST_UNSOLVED = 0.01, 1000.0
@@ -242,11 +241,10 @@ def _event(plant: Plant, state: State, episode: int, column: int, grid: Grid) ->
     endless = board[0] == math.inf
     if not endless and not (0.0 <= x <= board[0] and 0.0 <= y <= board[1]):
         return OUT_OF_BOARD
-    fallen = state.bodies[Z, column] < 0.0
     if _is_beyond_edge(plant, state, column):
-        if fallen:
+        if state.bodies[Z, column] < 0.0:
             return OUT_OF_BOARD
-    elif fallen or rotation_matrix(orientation_of(state.bodies[:, column]))[2][2] < LEAST_UPRIGHT:
+    elif not is_upright(state.bodies[:, column]):
         return TIPPED
     unsolved = state.statistics[UNSOLVED, column] - UNSOLVED_SHARE * plant.ticks_per_period
     state.unsolved[column] = max(0.0, state.unsolved[column] + unsolved)

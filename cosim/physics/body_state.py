@@ -8,7 +8,7 @@ from cosim.base.jit import inlined, unrolled
 from cosim.model.params import RobotParams
 from cosim.physics.contact import Impulse
 from cosim.physics.lanes import Width, load, store
-from cosim.physics.rotation import Quaternion, Vector
+from cosim.physics.rotation import Quaternion, Vector, rotation_matrix
 from cosim.physics.trig import sine_cosine
 
 # Layout of a body's state, one float64 vector; of many bodies, the rows of an array with a column
@@ -22,6 +22,8 @@ NORMALS = 13  # normal impulses of M feet in the last step, N s
 POSITION, QUATERNION = slice(X, Q_W), slice(Q_W, V_X)
 PLANE = slice(X, Z)  # x and y of the position
 VELOCITY, ANGULAR_VELOCITY = slice(V_X, W_X), slice(W_X, NORMALS)
+# A robot whose axis is more than 60° off the vertical does not return to its feet.
+LEAST_UPRIGHT = 0.5
 
 
 def state_size(feet: int) -> int:
@@ -100,6 +102,12 @@ def read_body(bodies: np.ndarray, column: int, width: Width, order: tuple[int, .
 def orientation_of(body: np.ndarray) -> Quaternion:
     """Orientation of one body, world from body, by its state (STATE_SIZE,)."""
     return body[Q_W], body[Q_X], body[Q_Y], body[Q_Z]
+
+
+@inlined
+def is_upright(body: np.ndarray) -> bool:
+    """Return whether one body has not fallen, by its state (STATE_SIZE,)."""
+    return body[Z] >= 0.0 and rotation_matrix(orientation_of(body))[2][2] >= LEAST_UPRIGHT
 
 
 @unrolled

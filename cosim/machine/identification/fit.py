@@ -79,7 +79,9 @@ def fit(track: SeenTrack, simulated: Simulated, progress: Progress = silent) -> 
             break
         # The robot seems to stray more than its noise explains: perhaps a local minimum.
         found.append(_fit_from(start, track, simulated, progress))
-    best = _by_secants(min(found, key=unlikeliness), track, simulated)
+    best = min(found, key=unlikeliness)
+    simulated.require_standing(best.frames)
+    best = _by_secants(best, track, simulated)
     before = best.deviations
     best, doubts = _widened(best, rises(track, simulated, best)), []
     if np.median(best.deviations / before) > MOST_ERROR:

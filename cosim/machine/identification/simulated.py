@@ -4,6 +4,7 @@ The equations of motion are those of `cosim.physics`; every robot has a lane of 
 a mass, feet and motors of its own. Only their numbers, and the places of motors, are common.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cosim.base.errors import UserError
 from cosim.base.jit import inlined, kernel, unrolled
 from cosim.calibration.trial import Trial
 from cosim.fmi.motor import MotorFmu
@@ -31,6 +33,7 @@ from cosim.physics.body import stepped
 from cosim.physics.body_state import (
     X,
     Y,
+    is_upright,
     orientation_of,
     read_body,
     standing_state,
@@ -50,6 +53,7 @@ from cosim.physics.properties import (
 )
 from cosim.physics.rotation import Vector, heading
 
+FAR_M = 1e4  # place of a simulated robot that has fallen: no fit is there
 LOOKS_S = 0.005  # between simulated poses, which are interpolated
 MOST_PERIODS = 5000  # of a trial at once, whose samples take memory
 REPEATS, WINDOW_S = 8, 5.0  # of simulations with other noise, and over which they drift apart
@@ -176,13 +180,18 @@ class Simulated:
         return np.array([np.minimum(low, self.usual), np.maximum(high, self.usual)], dtype=float)
 
     def usual_frames(self, factors: Sequence[float]) -> np.ndarray:
-        """Return (F, n, 3) as `frames`, of the usual robot with motor speeds times factors."""
+        """Return (F, n, 3) as `frames`, of the usual robot with motor speeds times factors.
+
+        The robot falls by none of them, or by others than the first.
+        """
         speeds = self.smooth[..., None] * np.array(factors)
         seen = self._tracks([self._machine(self.usual)] * len(factors), speeds)
         looks = LOOKS_S * np.arange(len(seen))
         signals = seen.reshape(len(seen), -1).T
         found = np.array([np.interp(self.times, looks, signal) for signal in signals])
-        return found.reshape(len(factors), 3, -1).swapaxes(1, 2)
+        frames = found.reshape(len(factors), 3, -1).swapaxes(1, 2)
+        self.require_standing(frames[0])
+        return frames
 
     def frames(self, values: np.ndarray) -> np.ndarray:
         """(n, C, 3) m, m and rad seen from the origin, heading along +x, by parameters (C, K)."""
@@ -223,7 +232,16 @@ class Simulated:
         config = self.config
         every = round(LOOKS_S / config.timing.control_period_s)
         clock = config.ticks_per_period, config.timing.dt_s
-        return tracks(machines, speeds, *clock, every, config.world)
+        seen = tracks(machines, speeds, *clock, every, config.world)
+        return np.nan_to_num(seen, nan=FAR_M)
+
+    def require_standing(self, frames: np.ndarray) -> None:
+        """Refuse a simulated track (n, 3) on which the robot falls."""
+        if np.abs(frames).max() >= FAR_M:
+            raise UserError(
+                f"machine {self.config.preset} tips over when it is simulated with the motor "
+                "speeds of this track; lower its com_height_m, or move its feet outwards"
+            )
 
 
 def simulated_drive(track: SeenTrack, config: CoSimConfig, fmu: Path) -> Simulated:
@@ -278,7 +296,8 @@ def tracks(
         world: what belongs to the machines: restitution and payload.
 
     Returns:
-        (P // every + 1, B, 3) x and y of the robot's axis in m, and the heading in rad, continuous.
+        (P // every + 1, B, 3) x and y of the robot's axis in m, and the heading in rad, continuous;
+        NaN from when on a robot does not stand any more.
     """
     lanes = host_lanes()
     columns = -(-len(machines) // lanes) * lanes
@@ -357,7 +376,8 @@ def _drive(
                 for motor in range(count):
                     turning[count + motor, column] = end[motor, column]
                 if (period + 1) % every == 0:
-                    _observe(bodies, column, seen[(period + 1) // every])
+                    row = (period + 1) // every
+                    _observe(bodies[:, column], seen[row, column], seen[row - 1, column])
 
 
 @unrolled
@@ -406,6 +426,8 @@ def turned(
 
 
 @inlined
-def _observe(bodies: np.ndarray, column: int, seen: np.ndarray) -> None:
-    seen[column, 0], seen[column, 1] = bodies[X, column], bodies[Y, column]
-    seen[column, 2] = heading(orientation_of(bodies[:, column]))
+def _observe(body: np.ndarray, seen: np.ndarray, before: np.ndarray) -> None:
+    if is_upright(body) and not math.isnan(before[0]):
+        seen[0], seen[1], seen[2] = body[X], body[Y], heading(orientation_of(body))
+    else:
+        seen[0] = seen[1] = seen[2] = math.nan

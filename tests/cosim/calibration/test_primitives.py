@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -11,7 +12,9 @@ from hypothesis import strategies as st
 
 from agent.envs.drive import set_points
 from cosim.base.errors import UserError
+from cosim.calibration import primitives
 from cosim.calibration.primitives import DIRECTIONS, Primitive, able, find_primitives, steered
+from cosim.coupling.master import FallError
 from cosim.model.preset import find_preset
 from cosim.onboard.steering import (
     BACKWARDS,
@@ -101,8 +104,8 @@ def test_each_drive_steers_by_its_own_measurements(config, gains, differences, c
         )
         for (name, primitive), gain, row in zip(found().items(), gains, differences, strict=False)
     }
-    primitives = found() | own
-    steering = steered(config, primitives).steering
+    measured = found() | own
+    steering = steered(config, measured).steering
     for sense, (name, direction) in enumerate(list(DIRECTIONS.items())[:4]):
         row, set_points = np.zeros(COMMAND_SIZE), np.empty(4)
         heading = math.atan2(direction[1], direction[0])
@@ -110,14 +113,14 @@ def test_each_drive_steers_by_its_own_measurements(config, gains, differences, c
         row[[MODE, SENSE]] = DRIVE, (FORWARDS, BACKWARDS, LEFTWARDS, RIGHTWARDS)[sense]
         error = 0.02 * course
         steer(row, 0.0, 0.0, -error, 1e-3, steering, set_points)
-        straight = np.array(primitives[name].set_points_rad_s)
-        wanted = 2.0 * error / primitives[name].yaw_gain
+        straight = np.array(measured[name].set_points_rad_s)
+        wanted = 2.0 * error / measured[name].yaw_gain
         added = np.clip(wanted, *np.array([-1.0, 1.0]) * steering.max_difference_rad_s)
         slower = min(1.0, (steering.max_speed_rad_s - abs(added)) / np.abs(straight).max())
-        expected = slower * straight + added * np.array(primitives[name].difference)
+        expected = slower * straight + added * np.array(measured[name].difference)
         assert set_points == pytest.approx(expected)
-        assert abs(row[SPEED]) == pytest.approx(abs(np.dot(primitives[name].mean, direction)))
-        assert row[YAW_RATE] == pytest.approx(added * primitives[name].yaw_gain)
+        assert abs(row[SPEED]) == pytest.approx(abs(np.dot(measured[name].mean, direction)))
+        assert row[YAW_RATE] == pytest.approx(added * measured[name].yaw_gain)
 
 
 @pytest.mark.parametrize(
@@ -149,20 +152,63 @@ def test_a_robot_that_can_drives_sideways_instead_of_turning(config):
 
 def test_a_machine_that_cannot_steer_is_refused_with_its_best_motion(config):
     circling = found(left_turn=primitive(0.0, 0.0, 0.0), right_turn=primitive(4e-3, 0.0, -0.1))
-    with pytest.raises(UserError, match=r"nothing for left turn, right turn; .*4\.00 mm/s"):
+    with pytest.raises(
+        UserError,
+        match=r"^machine drawn cannot steer: found nothing for left turn, right turn; .*4\.00 mm/s",
+    ):
         steered(config, circling)
-    driven = steered(config, circling, directed=False).steering
-    assert driven.forward_speed_rad_s == 700.0
-    assert driven.turn_speed_rad_s == 0.0
-    assert all(map(math.isfinite, driven[:14]))
     one_way = steered(config, found(backwards=primitive(0.0, 0.0, 0.0))).steering
     assert one_way.backward_speed_rad_s == 0.0
+
+
+class Linear:
+    """A trial of robots whose speeds are linear in set points, and that tip over at some."""
+
+    most = math.inf  # set point of the second motor
+
+    def falls(self, set_points):
+        return set_points[:, 1] > self.most
+
+    def __init__(self, fmu, config, headings, seed) -> None:
+        self.poses = np.tile(np.eye(7)[3], (len(headings), 1))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_) -> None:
+        pass
+
+    def set_motors(self, set_points) -> None:
+        self._set_points = set_points
+
+    def advance(self, periods):
+        if (fallen := np.flatnonzero(self.falls(self._set_points))).size:
+            raise FallError("robot 3 tips over", int(fallen[-1]))
+        forms = np.array([[1.0, 1.0, -1.0, 0.2], [1.0, -0.5, 1.0, 0.0], [50.0, 0.0, 30.0, 90.0]])
+        ahead, left, half = 1e-9 * forms @ self._set_points.T
+        flat = np.zeros_like(half)
+        position = np.column_stack([ahead, left, flat])[None]
+        quaternion = np.column_stack([np.cos(half), flat, flat, np.sin(half)])[None]
+        airborne = np.zeros((1, len(half)))
+        return SimpleNamespace(position=position, quaternion=quaternion, airborne_share=airborne)
+
+
+def test_set_points_that_tip_a_machine_over_are_left_out(config, motor_fmu, monkeypatch):
+    monkeypatch.setattr(primitives, "Trial", Linear)
+    for most, fastest in ((math.inf, 600.0), (300.0, -math.inf)):
+        monkeypatch.setattr(Linear, "most", most)
+        measured = primitives.search(config, motor_fmu)
+        assert all(able(p, name, REACH_M) for name, p in measured.items())
+        assert fastest < max(p.set_points_rad_s[1] for p in measured.values()) <= most
+    monkeypatch.setattr(Linear, "falls", staticmethod(lambda set_points: set_points.any(axis=1)))
+    with pytest.raises(UserError, match=r"drawn cannot drive at any of .* robot 3 tips over"):
+        primitives.search(config, motor_fmu)
 
 
 @pytest.mark.slow
 def test_primitives_of_a_drawn_machine_are_found(config, motor_fmu):
     """All six, straight within what repeats itself; the same as those of another search."""
-    primitives = find_primitives(replace(config), motor_fmu)
-    assert all(able(p, name, REACH_M) for name, p in primitives.items())
-    assert abs(primitives["forwards"].mean[2]) < math.radians(0.5)
-    assert find_primitives(config, motor_fmu, again=True) == primitives
+    measured = find_primitives(replace(config), motor_fmu)
+    assert all(able(p, name, REACH_M) for name, p in measured.items())
+    assert abs(measured["forwards"].mean[2]) < math.radians(0.5)
+    assert find_primitives(config, motor_fmu, again=True) == measured

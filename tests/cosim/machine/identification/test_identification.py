@@ -420,6 +420,21 @@ def test_machines_are_simulated_with_their_restitution():
     assert np.abs(seen - ideal).max() > 1e-5
 
 
+def test_a_machine_that_tips_over_is_refused_with_the_reason():
+    """The other one, whose centre of mass is not between its feet, is simulated with it."""
+    speeds, times = np.tile([-600.0, 650.0], (501, 1)), np.array([0.0, 0.1, 0.5])
+    simulated = Simulated(speeds, speeds, times, CoSimConfig())
+    values = np.tile(simulated.usual, (2, 1))
+    values[1, NAMES.index("com_x_m")] = -0.03
+    stands, falls = simulated.frames(values).swapaxes(0, 1)
+    simulated.require_standing(stands)
+    alone = simulated.frames(values[:1])[:, 0]
+    np.testing.assert_array_equal(stands, alone)
+    assert np.isfinite(falls).all()
+    with pytest.raises(UserError, match=r"^machine paper tips over when it is simulated"):
+        simulated.require_standing(falls)
+
+
 FOOT = "[[foot]]\nplace_m = [{}, {}]\nmu = {}\n"
 MACHINES = {
     "paper": "",
