@@ -84,6 +84,7 @@ class DrivePolicy:
 
     Attributes:
         interval_s: time between two commands.
+        calibrated: whether actions are velocities, which needs a machine that can be steered.
     """
 
     def __init__(
@@ -95,7 +96,7 @@ class DrivePolicy:
         control_interval: float = 0.1,
     ) -> None:
         require_one_of("action", action, ACTIONS)
-        self._predict, self._velocity = predict, action == "velocity"
+        self._predict, self.calibrated = predict, action == "velocity"
         self._context = validate_argument("context", context, bool)
         self.interval_s = validate_argument("control_interval", control_interval, Positive)
 
@@ -103,10 +104,10 @@ class DrivePolicy:
         """Return the set points of the motors in rad/s, (N, motors)."""
         robots = len(motion.poses)
         worlds = np.tile(_world_of(motion.config), (robots, 1)) if self._context else None
-        shape = robots, size_of_action(motion.config, self._velocity)
+        shape = robots, size_of_action(motion.config, self.calibrated)
         actions = checked_actions(self._predict(observed(motion, robots, worlds)), shape)
         dither = motion.memory.setdefault("dither", np.tile(_NEW_DITHER, (robots, 1)))
-        return set_points(actions, motion.config, dither, velocity=self._velocity)
+        return set_points(actions, motion.config, dither, velocity=self.calibrated)
 
 
 class DriveBoards(DynamicsBoards):
@@ -126,7 +127,6 @@ class DriveBoards(DynamicsBoards):
     """
 
     _mutable = (*DynamicsBoards._mutable, "_rows")
-    _directed = False
 
     def __init__(
         self,
@@ -149,9 +149,9 @@ class DriveBoards(DynamicsBoards):
         self._interval_s = validate_argument("control_interval", control_interval, Positive)
         self._reach_m = validate_argument("reach", reach, Positive)
         whole_ratio("control_interval", control_interval, "control_period_s", _PERIOD_S)
-        refuse_without_effect(physics, "where a learner drives")
         self._estimated = observe == "estimated"
-        self._velocity, self._dense = action == "velocity", reward == "dense"
+        self._calibrated, self._dense = action == "velocity", reward == "dense"
+        refuse_without_effect(physics, "where a learner drives", calibrated=self._calibrated)
         options = {"time_limit": TIME_LIMIT_S, **physics, "rl_step": control_interval}
         super().__init__(count, scenario, options, max_episode_steps)
         self._identity = (*self._identity, observe)
@@ -165,7 +165,7 @@ class DriveBoards(DynamicsBoards):
         motors = self._config.robot.motors_count
         size = 11 + motors + 2 * (self.scenario.robots > 1) + 5 * self._context
         observation = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
-        actions = size_of_action(self._config, self._velocity)
+        actions = size_of_action(self._config, self._calibrated)
         return observation, spaces.Box(-1.0, 1.0, (actions,), np.float32)
 
     def _placement(self, starts: Any, targets: Any) -> Any:
@@ -236,7 +236,7 @@ class DriveBoards(DynamicsBoards):
 
     def joint(self, actions: Any) -> np.ndarray:
         """See `EnvBoards.joint`."""
-        shape = self.shape[0] * self.shape[1], size_of_action(self._config, self._velocity)
+        shape = self.shape[0] * self.shape[1], size_of_action(self._config, self._calibrated)
         return checked_actions(actions, shape).reshape(*self.shape, -1)
 
     def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
@@ -247,7 +247,7 @@ class DriveBoards(DynamicsBoards):
         before, before_m = rows.poses.copy(), rows.away_m.copy()
         commands = state.commands[:count]
         speeds = set_points(
-            actions.reshape(count, -1), self._config, rows.dither, velocity=self._velocity
+            actions.reshape(count, -1), self._config, rows.dither, velocity=self._calibrated
         )
         commands[:, OMEGA_D : OMEGA_D + speeds.shape[1]] = speeds
         commands[:, MODE] = np.where(moved.ravel(), DIRECT, HOLD)
@@ -333,9 +333,10 @@ class DriveEnv(SingleEnv):
 
     - Observation: Box (F,) float32, cut to -10 to 10. 0, 1: target ahead and to the left in 0.1 m.
       2, 3: sine and cosine of the heading. 4, 5: x and y over the board's size. 6, 7: velocity
-      ahead and to the left over the calibrated speed. 8: yaw rate over the calibrated one. 9, 10:
-      speeds of motors D and E over the largest (of a machine with M motors, 9 to 8 + M). The last
-      two: cosine and sine of the angle to the target.
+      ahead and to the left over the calibrated speed. 8: yaw rate over the calibrated one. With
+      action "motors", which needs no calibration, over those of the paper's robot, 3.9 mm/s and 0.2
+      rad/s. 9, 10: speeds of motors D and E over the largest (of a machine with M motors, 9 to
+      8 + M). The last two: cosine and sine of the angle to the target.
       With `context` 5 more: µ, motor spread, restitution, slope in deg, payload in 10 g.
     - Action: Box (A,) from -1 to 1, cut beyond, for `control_interval` (0.1 s). "velocity": speed
       ahead and yaw rate over the calibrated ones. "motors": set points of D and E, or of the M
@@ -366,16 +367,7 @@ class DriveEnv(SingleEnv):
 
 
 def size_of_action(config: CoSimConfig, velocity: bool) -> int:
-    """Return how many numbers command a robot: velocity and yaw rate, or one for each motor.
-
-    Refuses velocities of a machine that cannot drive ahead and turn.
-    """
-    steering = config.steering
-    if velocity and min(steering.forward_speed_rad_s, steering.turn_speed_rad_s) <= 0.0:
-        raise ConfigError(
-            f"action = velocity needs a machine that can drive ahead and turn, which "
-            f"{config.preset} cannot; give action = motors, which commands the set point of each"
-        )
+    """Return how many numbers command a robot: velocity and yaw rate, or one for each motor."""
     return 2 if velocity else config.robot.motors_count
 
 

@@ -54,7 +54,7 @@ class DynamicsBoards(EnvBoards):
     """
 
     reset_options = ("starts", "targets", "mu")
-    _directed = True  # whether actions are directions
+    _calibrated = True  # whether actions are directions or velocities
     _mutable = ("_batch", "_seeds", "_arrived", "_steps", "arrays")
 
     def __init__(
@@ -77,7 +77,7 @@ class DynamicsBoards(EnvBoards):
                 "or shield, or give a world"
             )
         with progress_bars() as progress:
-            resolved = resolve(options, scenario, progress, world=world, directed=self._directed)
+            resolved = resolve(options, scenario, progress, world=world, calibrate=self._calibrated)
         self.scenario, self._config, motor_fmu = resolved
         super().__init__(count, self.scenario, *self._spaces(), shared(self._config))
         self._worlds = None if worlds is None else checked_ranges(worlds, self._config)

@@ -22,7 +22,7 @@ from cosim.base.progress import Progress, silent
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
-from cosim.simulation.driving import drives, options_for
+from cosim.simulation.driving import needs_calibration, options_for
 from cosim.simulation.options import options_of, resolve
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.tasks import compile_kernels
@@ -80,7 +80,9 @@ class Line:
             **measures(case, results),
             mu=case.config.robot.mu,
             shield=case.config.shield is not None,
-            drive_speed_m_s=case.config.steering.drive_speed_m_s,
+            drive_speed_m_s=case.config.steering.drive_speed_m_s
+            if needs_calibration(case.policy)
+            else None,
             starts=len(case.starts),
             planned=len(self.indices),
             wall_s=sum(r.wall_s for r in results.values()),
@@ -140,7 +142,7 @@ def lines_of(
             progress,
             world=world,
             require=lambda own, p=policy, name=name: p.require_scenario(own, f"{name}: the policy"),
-            directed=not drives(policy),
+            calibrate=needs_calibration(policy),
         )
         case = Case(policy, setup.config, setup.fmu, seed)
         starts = len(case.starts)

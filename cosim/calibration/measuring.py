@@ -168,16 +168,13 @@ def calibrated(
     progress: Progress = silent,
     *,
     slower: bool = False,
-    directed: bool = True,
 ) -> CoSimConfig:
     """The configuration with the motor speeds that realise its drive speed and turn rate.
 
     Args:
         slower: limit the drive speed to the largest one without hopping, instead of refusing it.
-        directed: see `cosim.calibration.primitives.steered`.
     """
     config = with_motor(config, motor_fmu)
     if config.robot.own_layout:
-        found = find_primitives(config, motor_fmu, progress)
-        return steered(config, found, directed=directed)
+        return steered(config, find_primitives(config, motor_fmu, progress))
     return find_calibration(config, motor_fmu, progress).resolved(config, slower=slower)

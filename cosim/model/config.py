@@ -326,6 +326,17 @@ class CoSimConfig:
         return max(self.top_speeds_rad_s)
 
     @property
+    def commanded(self) -> "CoSimConfig":
+        """These parameters for robots whose motors get set points, which needs no calibration.
+
+        The largest one is the share of the top speed that it is for the paper's robot; the scales
+        of velocities are that robot's.
+        """
+        share = self.top_speed_rad_s / CoSimConfig().top_speed_rad_s
+        most = params.STEERING.max_speed_rad_s * share
+        return self.having("computed: in proportion to the top speed", max_speed_rad_s=most)
+
+    @property
     def voltage_driven(self) -> bool:
         """Whether motors get voltages instead of set points of Eq. (14)."""
         return "motors" in self.open_loop or self.steering.pulse_s > 0.0

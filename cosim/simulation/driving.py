@@ -1,7 +1,8 @@
 """Episodes of policies that command motors, at the end of every control interval.
 
 Such a policy has `drive(motion)`, which returns set points (N, motors) in rad/s, and
-`interval_s`, the time between two commands. One that chooses directions has `act(observation)`.
+`interval_s`, the time between two commands. If it also has `calibrated = True`, the steering in
+`motion.config` is calibrated for its machine. One that chooses directions has `act(observation)`.
 """
 
 import math
@@ -70,20 +71,31 @@ def drives(policy: Any) -> bool:
     return commands
 
 
+def needs_calibration(policy: Any) -> bool:
+    """Return whether a policy chooses directions, or asks for calibrated speeds."""
+    return not drives(policy) or bool(getattr(policy, "calibrated", False))
+
+
 def options_for(policy: Any, options: SimulationOptions) -> SimulationOptions:
     """Return options in which RL steps are the control intervals of a policy that has them."""
     if not drives(policy):
         return options
-    refuse_without_effect(vars(options), "on a policy that commands motors")
+    calibrated = needs_calibration(policy)
+    refuse_without_effect(vars(options), "on a policy that commands motors", calibrated=calibrated)
     interval_s = validate_argument(
         "interval_s of the policy", getattr(policy, "interval_s", None), float
     )
     return replace(options, rl_step=interval_s)
 
 
-def refuse_without_effect(options: Mapping[str, Any], where: str) -> None:
-    """Refuse options of the co-simulation that only matter where directions are chosen."""
-    given = [name for name in ("rl_step", "through", "shield") if options.get(name)]
+def refuse_without_effect(options: Mapping[str, Any], where: str, *, calibrated: bool) -> None:
+    """Refuse options of the co-simulation that only matter where directions are chosen.
+
+    Args:
+        calibrated: whether commands are velocities, which the option `speed` scales.
+    """
+    names = ("rl_step", "through", "shield", *(() if calibrated else ("speed",)))
+    given = [name for name in names if options.get(name)]
     if "heading" in (options.get("open_loop") or ()):
         given.append("open_loop = heading")
     if given:

@@ -118,25 +118,27 @@ class Physics:
         world: World = IDEAL,
         source: str = "world",
         *,
-        directed: bool = True,
+        calibrate: bool = True,
     ) -> tuple[CoSimConfig, Path]:
-        """Calibrated parameters for robots in a world, see `config`, and the motor FMU.
+        """Parameters for robots in a world, see `config`, and the motor FMU.
 
         The built-in FMU is compiled the first time, a calibration measured (some seconds each).
-        Episodes of a scenario are prepared by `resolve`, which describes `directed`.
+        Episodes of a scenario are prepared by `resolve`, which describes `calibrate`.
         """
         config = self.config(world, source)
         if diameter_m is not None:
             config = config.sized(diameter_m)
         fmu = self.fmu(progress)
-        return self._calibrated(config, fmu, progress, directed), fmu
+        if calibrate:
+            return self._calibrated(config, fmu, progress), fmu
+        from cosim.fmi.motor import with_motor  # noqa: PLC0415 - as above
 
-    def _calibrated(
-        self, config: CoSimConfig, fmu: Path, progress: Progress, directed: bool
-    ) -> CoSimConfig:
+        return with_motor(config, fmu).commanded, fmu
+
+    def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
         from cosim.calibration.measuring import calibrated  # noqa: PLC0415 - as above
 
-        return calibrated(config, fmu, progress, directed=directed)
+        return calibrated(config, fmu, progress)
 
 
 PROMPT_RL_STEP_S = 0.1  # assumed: robots asked so often drive on by less than 0.4 mm
@@ -215,15 +217,13 @@ class SimulationOptions(Physics, DecisionOptions):
             whole_ratio("time_limit", self.time_limit, "rl_step_s", config.timing.rl_step_s)
         return config
 
-    def _calibrated(
-        self, config: CoSimConfig, fmu: Path, progress: Progress, directed: bool
-    ) -> CoSimConfig:
+    def _calibrated(self, config: CoSimConfig, fmu: Path, progress: Progress) -> CoSimConfig:
         """Limit the speed to the largest one without hopping, unless it is given."""
         from cosim.calibration.measuring import calibrated  # noqa: PLC0415 - as above
         from cosim.calibration.shielding import with_stopping_distance  # noqa: PLC0415
 
         slower = self.speed is None
-        config = calibrated(config, fmu, progress, slower=slower, directed=directed)
+        config = calibrated(config, fmu, progress, slower=slower)
         longer = STEERING.drive_speed_m_s / config.steering.drive_speed_m_s
         if slower and self.time_limit is None and longer > 1.0:
             limit_s = math.ceil(longer * config.timing.episode_limit_s)
@@ -266,7 +266,7 @@ def options_of(
 class Setup(NamedTuple):
     """Everything that determines an episode but for its policy, start cells and seed.
 
-    The scenario has the obstacles of its world, the parameters are calibrated.
+    The scenario has the obstacles of its world.
     """
 
     scenario: Scenario
@@ -281,7 +281,7 @@ def resolve(
     *,
     world: AnyWorld = None,
     require: Callable[[Scenario], object] | None = None,
-    directed: bool = True,
+    calibrate: bool = True,
 ) -> Setup:
     """Return the setup of a scenario under options.
 
@@ -289,8 +289,8 @@ def resolve(
         world: see `Physics.board`; by default that of the options.
         require: refuses scenarios, for example those that a policy was not trained on, before
             anything is measured.
-        directed: whether robots are given directions, which needs a machine that can be steered,
-            or set points of their motors.
+        calibrate: whether robots are given directions or velocities, which needs a machine that
+            can be steered, or set points of their motors, see `CoSimConfig.commanded`.
     """
     given = options.world if world is None else world
     scenario, world = options.board(scenario, given)
@@ -298,5 +298,5 @@ def resolve(
         require(scenario)
     name = Path(given).stem if isinstance(given, str | Path) else f"of scenario {scenario.name}"
     source = f"world {name}" if given is None or isinstance(given, str | Path) else "world"
-    prepared = options.prepare(scenario.diameter_m, progress, world, source, directed=directed)
+    prepared = options.prepare(scenario.diameter_m, progress, world, source, calibrate=calibrate)
     return Setup(scenario, *prepared)

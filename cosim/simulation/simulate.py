@@ -24,7 +24,7 @@ from cosim.recording.file import Kept
 from cosim.recording.reader import Episode, read_episode
 from cosim.recording.series import warn_of_size, with_bursts
 from cosim.simulation.batch import chosen_driver
-from cosim.simulation.driving import SupportsDrive, drives, options_for
+from cosim.simulation.driving import SupportsDrive, needs_calibration, options_for
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import EpisodeOptions, options_of, resolve
 from cosim.simulation.tasks import Record, Task, simulate_tasks
@@ -74,7 +74,7 @@ def simulate(
         raise ConfigError("record = 'none' keeps nothing of the episode; choose another record")
     driving = options_for(policy, chosen)
     require = getattr(policy, "require_scenario", None)
-    how = {"world": world, "require": require, "directed": not drives(policy)}
+    how = {"world": world, "require": require, "calibrate": needs_calibration(policy)}
     scenario, config, fmu = resolve(driving, scenario, report, **how)
     config = with_bursts(config, record)
     driver = chosen_driver(chosen.driver, fmu, config)

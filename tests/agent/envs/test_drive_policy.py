@@ -103,6 +103,7 @@ both.act = lambda observation: [0]
         (Circling(), {"shield": True}, "shield has no effect"),
         (Circling(), {"through": True}, "through has no effect"),
         (Circling(), {"rl_step": 0.1}, "rl_step has no effect"),
+        (Circling(), {"speed": 2.0}, "speed has no effect"),
         (Circling(), {"open_loop": ["heading"]}, "open_loop = heading has no effect"),
         (both, {}, "act.* and drive"),
         (Circling, {}, "no act"),
@@ -135,48 +136,58 @@ class AtFull(Full):
     """Takes no arguments, as a command needs it."""
 
 
-# Speeds ahead and to the left in m/s, and yaw rate, of all that a search finds.
+WEAK = "[motor]\nV_s_max = 0.6\n"
+HOPPING = "[body]\nmass_kg = 0.05\n[world]\nrestitution = 0.9\n"
+
+
 @pytest.mark.parametrize(
-    ("machine", "best"),
+    ("machine", "motors"),
     [
-        ("kilobot", (2e-3, 0.0, 0.3)),  # it circles
-        ("kilobot", (0.0, 0.0, 0.0)),  # it stands
-        pytest.param(ONE_MOTOR, (4e-3, 0.0, 0.0), marks=pytest.mark.long),  # it drives straight on
+        ("kilobot", 2),
+        (WEAK, 2),
+        (HOPPING, 2),
+        pytest.param(ONE_MOTOR, 1, marks=pytest.mark.long),
     ],
 )
-def test_a_machine_that_cannot_be_steered_is_driven(tmp_path, monkeypatch, command, machine, best):
-    preset, motors = machine, 2
-    if machine is ONE_MOTOR:
-        preset, motors = str(tmp_path / "one.toml"), 1
-        (tmp_path / "one.toml").write_text(machine)
-
-    def found(*_: Any) -> dict[str, Primitive]:
-        none = (0.0,) * motors
-        return dict.fromkeys(
-            DIRECTIONS, Primitive((700.0,) * motors, best, (0.0, 0.0, 0.0), 0.0, none, 1e30)
-        )
-
-    monkeypatch.setattr(measuring, "find_primitives", found)
+def test_motors_are_commanded_without_a_calibration(
+    tmp_path, monkeypatch, command, machine, motors
+):
+    """Not of a machine with its own layout, nor of one that is too weak to drive, or that hops."""
+    preset = machine
+    if "\n" in machine:
+        preset = str(tmp_path / "own.toml")
+        (tmp_path / "own.toml").write_text(machine)
+    for name in ("find_primitives", "find_calibration"):
+        monkeypatch.setattr(measuring, name, None)
     options: Any = {"preset": preset, "time_limit": 2, "progress": None}
-    east: Any = type("East", (), {"act": lambda self, seen: [0]})()
-    with pytest.raises(UserError, match=r"cannot steer: .* drive\(motion\)"):
-        mr.simulate("1a", east, **options)
     episode = mr.simulate("1a", Full(), **options)
     assert episode.outcome == "timeout"
     assert np.abs(episode.signals["/sim/r1/motors/omega"].values).max() > 100.0
     row = mr.evaluate(Full(), "1a", starts=1, **options)
     assert [result.outcome for result in row.results.values()] == ["timeout"]
+    assert row.drive_speed_m_s is None
     given = ("--scenario", "1a", "--preset", preset, "--time-limit", 2, "--starts", 1)
     policy = f"{AtFull.__module__}:AtFull"
     done = command("evaluate", "--policy", policy, *given, "--jobs", 1, "--recordings", 0)
     assert done.returncode == 0, done.stderr
-    with pytest.raises(ConfigError, match=r"action = velocity needs .* action = motors"):
-        DriveEnv(preset=preset)
     env = DriveEnv(preset=preset, action="motors")
     observation, _ = env.reset(seed=0)
     observation, *_ = env.step(np.full(motors, 0.9, dtype=np.float32))
     assert np.isfinite(observation).all()
     env.close()
+
+
+def test_velocities_need_a_machine_that_can_be_steered(monkeypatch):
+    """It circles."""
+    circling = Primitive((700.0,) * 2, (2e-3, 0.0, 0.3), (0.0, 0.0, 0.0), 0.0, (0.0,) * 2, 1e30)
+    monkeypatch.setattr(
+        measuring, "find_primitives", lambda *_: dict.fromkeys(DIRECTIONS, circling)
+    )
+    words = r"kilobot cannot steer: .* drive\(motion\) .* action = motors"
+    with pytest.raises(UserError, match=words):
+        DriveEnv(preset="kilobot")
+    with pytest.raises(UserError, match=words):
+        mr.simulate("1a", DrivePolicy(towards), preset="kilobot", progress=None)
 
 
 @pytest.mark.parametrize(
