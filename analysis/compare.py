@@ -15,7 +15,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from agent.training.policy import load_policy
-from analysis.figures.fig05 import draw_board, robot_colour
+from analysis.figures.fig05 import draw_board
+from cosim.base.colours import robot_colour
 from cosim.base.plotting import styled
 from cosim.base.progress import Progress
 from cosim.base.provenance import versions

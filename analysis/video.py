@@ -13,7 +13,8 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 
-from analysis.figures.fig05 import draw_board, robot_colour
+from analysis.figures.fig05 import draw_board
+from cosim.base.colours import robot_colour
 from cosim.base.errors import FileError, UserError, installing
 from cosim.base.plotting import styled
 from cosim.base.progress import Progress, silent

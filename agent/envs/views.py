@@ -10,6 +10,7 @@ from gymnasium.vector.utils import batch_space
 
 from agent.envs.boards import checked_options
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
+from cosim.base.colours import rgb, robot_colour
 from cosim.base.errors import UserError, shorten
 from cosim.model.outcome import BY_RANK, SUCCESS
 from cosim.model.scenario import Scenario
@@ -19,11 +20,6 @@ Ends = Literal["together", "own"]
 _NAMES = np.array(BY_RANK, dtype=object)
 PIXELS_PER_CELL = 12
 RenderMode = Literal["ansi", "rgb_array"]
-# Colour-blind safe colours of robots and their targets (Okabe and Ito), used in turn.
-ROBOT_COLOURS = np.array(
-    [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233)],
-    dtype=np.uint8,
-)
 _BOARD, _GRID, _ZONE, _OBSTACLE = 255, 238, 222, 90
 
 
@@ -273,12 +269,12 @@ def board_pixels(scenario: Scenario, positions_m: np.ndarray) -> np.ndarray:
     for x, y in scenario.obstacles:
         picture[x * scale : (x + 1) * scale, y * scale : (y + 1) * scale] = _OBSTACLE
     for robot, (x, y) in enumerate(scenario.targets):
-        colour = ROBOT_COLOURS[robot % len(ROBOT_COLOURS)]
+        colour = np.array(rgb(robot_colour(robot)), np.uint8)
         picture[x * scale : (x + 1) * scale, y * scale : (y + 1) * scale] = colour
     centres = (np.indices(picture.shape[:2]) + 0.5) * scenario.cell_m / scale
     for robot, position in enumerate(positions_m):
         squared = ((centres - position[:, None, None]) ** 2).sum(axis=0)
         disc = squared <= (scenario.diameter_m / 2.0) ** 2
-        colour = ROBOT_COLOURS[robot % len(ROBOT_COLOURS)]
+        colour = np.array(rgb(robot_colour(robot)), np.uint8)
         picture[disc] = picture[disc] // 2 + colour // 2
     return np.ascontiguousarray(picture.transpose(1, 0, 2)[::-1])

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from agent.evaluation.rows import Row
-from cosim.base.plotting import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, styled
+from cosim.base.colours import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from cosim.base.plotting import styled
 from cosim.model.outcome import ENDS
 
 # Quantities of a row that can be drawn: label of the axis, and factor.

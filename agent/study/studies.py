@@ -219,7 +219,7 @@ def robustness(
     In the given world nothing is ideal.
     """
     from agent.study.plot import draw_measure  # noqa: PLC0415 - slow to import
-    from cosim.base.plotting import save_figure  # noqa: PLC0415
+    from cosim.base.colours import save_figure  # noqa: PLC0415
 
     may_begin, store = until(how.budget_minutes), EpisodeStore(how.out / "results")
     count = QUICK_EPISODES if how.quick else how.episodes or _SOME

@@ -15,11 +15,12 @@ import rerun as rr
 
 from agent.mdp.greedy import GreedyPolicy
 from agent.training.loop import TrainingLog
+from cosim.base.colours import robot_rgba
 from cosim.base.errors import UserError, installing
 from cosim.base.provenance import digest_of
 from cosim.recording.blueprint import training_blueprint
 from cosim.recording.file import Recording, scalars
-from cosim.recording.scene import map_colours, palette, robot_colour, unit_arrows
+from cosim.recording.scene import map_colours, palette, unit_arrows
 from cosim.recording.series import SERIES, PolicyMap, robot_names
 
 _ARROW_CELLS = 0.8
@@ -113,7 +114,7 @@ def joined(logs: Sequence[TrainingLog], times: str, values: str) -> tuple[np.nda
 def _colours(entity: str, count: int) -> np.ndarray:
     """Colours of the curves of an entity: the robots', or that of greedy or exploring ones."""
     if entity == "return":
-        return palette([robot_colour(robot) for robot in range(count)])
+        return palette([robot_rgba(robot) for robot in range(count)])
     first = int(entity.startswith("greedy/"))
     return palette([SERIES[(first + k) % len(SERIES)] for k in range(count)])
 

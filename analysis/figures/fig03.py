@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.style import UNTESTED, WIDTH_IN, Drawing, verdict
 from analysis.reading.results import RESULTS
-from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
+from cosim.base.colours import BLACK, BLUE, GREY, VERMILION
 from cosim.calibration.speed_map import load_calibration
 from cosim.machine.platform.motion import Motion, PlatformResult
 from cosim.model.params import STEERING

@@ -9,11 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from analysis.figures.style import WIDTH_IN, Drawing
-from cosim.base.plotting import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from cosim.base.colours import GREY, robot_colour
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import AMONG_OBSTACLES, IN_GROUPS, PAPER, find_scenario
-
-ROBOT_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 
 
 def draw_board(axes: Axes, scenario: Scenario) -> None:
@@ -37,11 +35,6 @@ def draw_board(axes: Axes, scenario: Scenario) -> None:
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", xlabel="x in cm")
     axes.grid(visible=False)
     axes.spines[["right", "top"]].set_visible(True)
-
-
-def robot_colour(robot: int) -> str:
-    """Colour of a robot and of what belongs to it."""
-    return ROBOT_COLOURS[robot % len(ROBOT_COLOURS)]
 
 
 def _draw(scenarios: list[Scenario]) -> Figure:

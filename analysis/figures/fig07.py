@@ -13,8 +13,8 @@ from analysis.figures.style import WIDTH_IN, Drawing, verdicts
 from analysis.reading.findings import intervals
 from analysis.reading.motor_test import LOOPS, Response, read, rise
 from analysis.reading.results import RESULTS
+from cosim.base.colours import BLACK, BLUE, GREY, VERMILION
 from cosim.base.errors import UserError
-from cosim.base.plotting import BLACK, BLUE, GREY, VERMILION
 from cosim.model.params import TABLE_II, describe, motor_time_constant
 
 COLOURS = {"open_loop": VERMILION, "closed_loop": BLUE}

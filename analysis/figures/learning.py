@@ -19,8 +19,8 @@ from agent.training.runs import policy_paths
 from agent.training.store import LOG_FILE
 from analysis.figures.style import WIDTH_IN, Drawing, verdict, verdicts
 from analysis.reading.results import RESULTS, figure_entries, read_experiment
+from cosim.base.colours import BLUE, GREY, VERMILION
 from cosim.base.errors import UserError
-from cosim.base.plotting import BLUE, GREY, VERMILION
 
 POINTS = 200  # drawn per curve; a point is the mean of the learning curve's points that it covers
 # Success rate that counts as learnt.

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from analysis.figures.style import WIDTH_IN, Drawing
 from analysis.reading.findings import sliding
 from analysis.reading.results import recordings
+from cosim.base.colours import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from cosim.base.errors import UserError
-from cosim.base.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from cosim.physics.forces import MotorMount, motor_force
 from cosim.recording.reader import Episode, read_episode
 

@@ -12,11 +12,11 @@ from matplotlib.patches import Circle
 from agent.evaluation.rows import Row
 from agent.evaluation.statistics import interval_text
 from agent.study.studies import TransferReport
-from analysis.figures.fig05 import draw_board, robot_colour
+from analysis.figures.fig05 import draw_board
 from analysis.figures.style import UNTESTED, WIDTH_IN, Drawing, verdict, verdicts
 from analysis.reading.inspection import path_length_m
 from analysis.reading.results import DRIVEN_BY, RESULTS, episodes_of, read_result, recordings
-from cosim.base.plotting import BLACK, VERMILION
+from cosim.base.colours import BLACK, VERMILION, robot_colour
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.reader import read_episode

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
 from analysis.figures.style import WIDTH_IN, Drawing
-from cosim.base.plotting import BLACK, BLUE, GREEN, GREY, VERMILION
+from cosim.base.colours import BLACK, BLUE, GREEN, GREY, VERMILION
 from cosim.model.params import TABLE_I, TABLE_II
 from cosim.physics.contact import foot_positions
 from cosim.physics.forces import motor_mounts

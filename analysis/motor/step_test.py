@@ -16,6 +16,7 @@ from analysis.motor.instance import require_parameters, responses
 from analysis.motor.loop_options import StepTest
 from analysis.reading.motor_test import LOOPS, SIGNALS, Response
 from cosim.base.arguments import validate_unique
+from cosim.base.colours import BLUE, VERMILION, rgba
 from cosim.base.errors import UserError
 from cosim.fmi.motor import MotorFmu
 from cosim.model.params import MotorParams
@@ -23,7 +24,7 @@ from cosim.recording.blueprint import plain_blueprint
 from cosim.recording.file import Recording, scalars, simulated
 
 SAMPLE_S = 1e-3
-_COLOURS = {"open_loop": 0xD55E00FF, "closed_loop": 0x0072B2FF}
+_COLOURS = {"open_loop": rgba(VERMILION), "closed_loop": rgba(BLUE)}
 
 
 def simulate(path: Path, test: StepTest, loop: str) -> Response:

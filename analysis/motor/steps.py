@@ -15,7 +15,8 @@ from analysis.figures.style import WIDTH_IN
 from analysis.motor.instance import GivenMotor, responses, running
 from analysis.motor.speed_loop import Loop, figures_of_merit, speed_loop
 from analysis.reading.motor_test import Rise, rise
-from cosim.base.plotting import BLACK, BLUE, GREEN, GREY, VERMILION, styled
+from cosim.base.colours import BLACK, BLUE, GREEN, GREY, VERMILION
+from cosim.base.plotting import styled
 from cosim.base.progress import Progress, silent
 from cosim.model.params import MotorParams, motor_time_constant
 

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from cosim.base.plotting import BLUE, VERMILION, styled
+from cosim.base.colours import BLUE, VERMILION
+from cosim.base.plotting import styled
 from cosim.calibration.trial import Trial, mean_motion
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig

@@ -1,4 +1,4 @@
-"""Style of all figures: matplotlib's settings, and colours that colour-blind readers tell apart."""
+"""Style of all figures: matplotlib's settings."""
 
 from pathlib import Path
 from typing import Any
@@ -7,17 +7,13 @@ import matplotlib as mpl
 from cycler import cycler
 from matplotlib.figure import Figure
 
+from cosim.base.colours import ROBOT_COLOURS
 from cosim.base.storage import replacing
-
-# Okabe and Ito's palette.
-BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
-BLUE, VERMILION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
-GREY = "#808080"
 
 SETTINGS: dict[Any, Any] = {
     "axes.grid": True,
     "axes.labelsize": 9,
-    "axes.prop_cycle": cycler(color=[BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY]),
+    "axes.prop_cycle": cycler(color=ROBOT_COLOURS),
     "axes.spines.right": False,
     "axes.spines.top": False,
     "axes.titlesize": 9,

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cosim.base.plotting import BLUE, GREEN, PURPLE, VERMILION, styled
+from cosim.base.colours import BLUE, GREEN, PURPLE, VERMILION
+from cosim.base.plotting import styled
 from cosim.calibration.measuring import digest
 from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration
 from cosim.model.config import CoSimConfig

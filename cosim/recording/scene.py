@@ -11,6 +11,7 @@ import numpy as np
 import rerun as rr
 from matplotlib import colormaps
 
+from cosim.base.colours import robot_rgba
 from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
 from cosim.model.params import RobotParams, motors_of, mounts_of
@@ -40,10 +41,6 @@ from cosim.recording.series import (
     tints,
 )
 
-# Okabe–Ito, safe for colour-blind readers; one per robot.
-ROBOT_COLOURS = np.array(
-    [0x0072B2FF, 0xD55E00FF, 0x009E73FF, 0xCC79A7FF, 0xE69F00FF, 0x56B4E9FF], dtype=np.uint32
-)
 ICE, ROUGH = 0x7FAAC4FF, 0xA08060FF  # floor with less and more friction than the rest
 SWARM = "/world/swarm"  # entity of all robots where not all are sampled
 _WALL_HEIGHT_M = 0.015  # a third of a robot, which is seen behind it
@@ -109,9 +106,9 @@ def write_scene(
         labels = [f"µ {patch.mu:g}" for patch in patches]
         _write_boxes(file, "patches", centres, halves, colours, labels=labels, show_labels=True)
     all_sampled = len(sampled) == scenario.robots
-    colours = [robot_colour(robot) for robot in range(scenario.robots)]
+    colours = [robot_rgba(robot) for robot in range(scenario.robots)]
     if not all_sampled:
-        of_sampled = {index: robot_colour(k) for k, index in enumerate(sampled)}
+        of_sampled = {index: robot_rgba(k) for k, index in enumerate(sampled)}
         colours = [of_sampled.get(index, GREY) for index in range(scenario.robots)]
         file.static(SWARM, _disc(robot))
     names, half = robot_names(sampled), cell / 2.0
@@ -153,11 +150,6 @@ def shades(colour: int, count: int) -> np.ndarray:
     rgb = np.array([colour >> shift & 0xFF for shift in (24, 16, 8)])
     mixed = [np.round(rgb + tint * (255 - rgb)).astype(int) for tint in tints(count)]
     return palette([(r << 24) + (g << 16) + (b << 8) + 0xFF for r, g, b in mixed])
-
-
-def robot_colour(robot: int) -> int:
-    """Return the colour of a robot and of all that belongs to it, 0xRRGGBBAA."""
-    return int(ROBOT_COLOURS[robot % len(ROBOT_COLOURS)])
 
 
 def faint(colour: int) -> int:
@@ -370,7 +362,7 @@ def write_styles(file: Kept, signals: Sequence[SignalSpec], robots: Sequence[int
         for signal in signals:
             names, count = signal.names, len(signal.names)
             eight = in_eight(names) and count <= len(EIGHT)
-            colours = palette(EIGHT[:count]) if eight else shades(robot_colour(robot), count)
+            colours = palette(EIGHT[:count]) if eight else shades(robot_rgba(robot), count)
             set_points = not signal.label and bool(signal.tabs)  # in one plot with the speeds
             file.static(
                 signal.entity(name),

@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from cosim.base.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, rgba
 from cosim.coupling.rl_step import Step
 from cosim.coupling.signals import Samples
 from cosim.model.config import CoSimConfig
@@ -29,10 +30,10 @@ from cosim.onboard.steering import MODE_NAMES
 from cosim.physics.rotation import headings
 
 GREY, LIGHT, INK, WHITE = 0x888888FF, 0x88888840, 0x222222FF, 0xFFFFFFFF
-SERIES = [0x0072B2FF, 0xE69F00FF, 0x009E73FF]  # of states and curves that belong to no robot
+SERIES = [rgba(BLUE), rgba(ORANGE), rgba(GREEN)]  # of states and curves that belong to no robot
 EIGHT = [
-    *(0x0072B2FF, 0x56B4E9FF, 0x009E73FF, 0xF0E442FF),
-    *(0xE69F00FF, 0xD55E00FF, 0xCC79A7FF, 0x888888FF),
+    *(rgba(BLUE), rgba(SKY), rgba(GREEN), 0xF0E442FF),
+    *(rgba(ORANGE), rgba(VERMILION), rgba(PURPLE), 0x888888FF),
 ]
 
 DIRECTION_NAMES = tuple(f"{360 * k // DIRECTION_COUNT}°" for k in range(DIRECTION_COUNT))

@@ -8,7 +8,7 @@ from PIL import Image
 
 import minirobots as mr
 from analysis.compare import compare
-from analysis.figures.fig05 import robot_colour
+from cosim.base.colours import robot_colour
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,8 @@ import msgspec
 import numpy as np
 from matplotlib.figure import Figure
 
-from cosim.base.plotting import BLUE, GREEN, VERMILION, styled
+from cosim.base.colours import BLUE, GREEN, VERMILION
+from cosim.base.plotting import styled
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import naming
 from cosim.base.storage import replacing, write_json, write_whole

@@ -21,6 +21,7 @@ from analysis.figures import fig03, fig05, learning, motor_cycle, paths, transfe
 from analysis.figures.motor_cycle import Cycle
 from analysis.figures.paths import Track
 from analysis.reading.results import DRIVEN_BY
+from cosim.base.colours import robot_colour
 from cosim.machine.platform.motion import Motion, PlatformResult
 from cosim.model.scenario_file import BUILT_IN, find_scenario
 
@@ -189,7 +190,7 @@ def test_paths_of_one_robot():
     for line, marks, each, style in lines:
         (position,) = each.positions_m
         np.testing.assert_array_equal(line.get_xydata(), 100.0 * position)
-        assert (line.get_linestyle(), line.get_color()) == (style, fig05.robot_colour(0))
+        assert (line.get_linestyle(), line.get_color()) == (style, robot_colour(0))
         np.testing.assert_array_equal(marks.get_xydata(), 100.0 * position[[10, 20]])
 
 
@@ -205,7 +206,7 @@ def test_paths_and_distances_of_pairs():
         lines = boards[DRIVEN_BY.index(method)].lines[::2]
         for robot, (line, position) in enumerate(zip(lines, found[0].positions_m, strict=True)):
             np.testing.assert_array_equal(line.get_xydata(), 100.0 * position)
-            assert line.get_color() == fig05.robot_colour(robot)
+            assert line.get_color() == robot_colour(robot)
         drawn = [line for line in boards[2].lines if line.get_linestyle() == paths.STYLES[method]]
         for line, each in zip(drawn, found, strict=False):
             x, y = (each.positions_m[0] - each.positions_m[1]).T

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from analysis.figures import learning, motor_cycle, paths
-from analysis.figures.fig05 import ROBOT_COLOURS
 from analysis.reading.results import RESULTS, read_experiment, recordings
+from cosim.base.colours import ROBOT_COLOURS
 from cosim.model.params import STEERING, TABLE_I, TABLE_II
 from cosim.recording.reader import read_episode
 

@@ -14,6 +14,7 @@ import pytest
 import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
+from cosim.base.colours import ROBOT_COLOURS, robot_rgba
 from cosim.base.errors import FileError, UserError
 from cosim.coupling.rl_step import Decision
 from cosim.coupling.signals import RawSamples, Samples
@@ -26,7 +27,7 @@ from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept, Recording, scalars, simulated
 from cosim.recording.reader import read_chunks, read_episode, read_rrd
-from cosim.recording.scene import ROBOT_COLOURS, ink_on, map_colours, robot_colour, shades
+from cosim.recording.scene import ink_on, map_colours, shades
 from cosim.recording.series import DETAILS, OUTCOME, PolicyMap, Stretch, with_bursts
 from cosim.simulation.options import DecisionOptions
 from tests.alone import CoSimulation, python, rrd
@@ -388,8 +389,8 @@ def test_the_outcome_stands_above_the_board_from_the_start(recorded):
 
 def test_a_robot_has_one_colour_in_every_view():
     """Signals have shades of the robot's colour, which no other robot has."""
-    seen = [{*shades(robot_colour(robot), 3).tolist()} for robot in range(len(ROBOT_COLOURS))]
-    assert all(robot_colour(robot) in colours for robot, colours in enumerate(seen))
+    seen = [{*shades(robot_rgba(robot), 3).tolist()} for robot in range(len(ROBOT_COLOURS))]
+    assert all(robot_rgba(robot) in colours for robot, colours in enumerate(seen))
     assert len(set.union(*seen)) == 3 * len(ROBOT_COLOURS)
 
 
@@ -404,7 +405,7 @@ def views_of(part: Any) -> list[rrb.TimeSeriesView]:
 def test_plots_say_which_curve_is_which_motor(motors):
     """By tints from dark to light, and by a legend where there are too many for them."""
     mounts = (Mount((0.0, 0.0, 0.003), (0.0, 1.0, 0.0)),) * motors
-    names, tints = motor_names(motors), shades(robot_colour(0), motors).tolist()
+    names, tints = motor_names(motors), shades(robot_rgba(0), motors).tolist()
     by_tint = motors < 4
     listed = [name for _, name in sorted(zip(tints, names, strict=True))] if by_tint else names
     expected = ", ".join(listed).replace("D", "D (dark)" if by_tint and motors > 1 else "D")
