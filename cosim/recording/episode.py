@@ -19,7 +19,7 @@ from rerun.chunk import Chunk
 
 from cosim.coupling.rl_step import POSES_S, Decision, Step, sampled_of
 from cosim.model.config import CoSimConfig
-from cosim.model.params import TIMING, RobotParams
+from cosim.model.params import RobotParams
 from cosim.model.scenario import Scenario
 from cosim.model.world import Patch
 from cosim.onboard.features import DISTANCE_CLASSES, GRADIENT_SIGNS, Observation
@@ -40,7 +40,6 @@ _SHORT_S = 120.0
 _MANY_ROWS = 5000
 _ROUNDING_S = 1e-9
 _LABEL_HEIGHTS = 0.2  # of the board, above it
-_BURSTS_S = TIMING.rl_step_s  # least time between two bursts, however short RL steps are
 
 
 class _Decided(NamedTuple):
@@ -273,7 +272,7 @@ class EpisodeRecorder:
         time_s = step.first_tick * self._config.timing.dt_s
         due = len(step.raw.omega) > 0 and time_s > self._next_burst_s - _ROUNDING_S
         if due:
-            self._next_burst_s = time_s + _BURSTS_S
+            self._next_burst_s = time_s + self._detail.between_s
         return due
 
     def _write_bursts(self, steps: list[Step]) -> None:

@@ -82,14 +82,16 @@ class Detail(NamedTuple):
     fast_s: float  # of what changes within a motor turn: speeds and voltages
     slow_s: float  # of everything else; forces and shares are means over it, impacts the largest
     pose_s: float  # of poses, positions and headings
-    burst_s: float  # length of the burst at the start of every RL step that is kept at every tick
+    burst_s: float  # length of a burst, at the start of an RL step, that is kept at every tick
+    between_s: float = TIMING.rl_step_s  # least time between the starts of two bursts
     full: bool = False  # whether signals are recorded that only this level has
 
 
 DETAILS: dict[Level, Detail] = {
     "summary": Detail(math.inf, math.inf, 0.1, 0.0),
-    # 9 ms are 1.4 motor turns; slow rows meet the ends of RL steps, where bursts begin.
-    "default": Detail(0.001, 0.025, 0.025, 0.009),
+    # 9 ms are 1.4 motor turns; slow rows meet the ends of RL steps, where bursts begin. Rows of 5 ms
+    # show how a speed loop settles, and weigh a fifth of those of every control period.
+    "default": Detail(0.005, 0.025, 0.025, 0.009, between_s=6.0),
     "full": Detail(0.001, 0.001, 0.001, 0.05, full=True),
 }
 
@@ -267,7 +269,7 @@ def bytes_per_s(config: CoSimConfig, level: Level, robots: int) -> float:
     """Return the weight of a recording per simulated second, about, with signals of some robots."""
     detail, timing = DETAILS[level], config.timing
     total = robots / detail.pose_s * (_ROW_BYTES + 7 * _NUMBER_BYTES)  # of the scene
-    bursts_s = max(timing.rl_step_s, TIMING.rl_step_s)
+    bursts_s = timing.rl_step_s * math.ceil(detail.between_s / timing.rl_step_s - 1e-9)
     for signal in signals_of(config.robot, distances=robots > 1, camera=False, full=detail.full):
         if signal.rate == "burst":
             per_s = min(detail.burst_s, timing.rl_step_s) / timing.dt_s / bursts_s

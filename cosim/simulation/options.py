@@ -239,8 +239,8 @@ class EpisodeOptions(SimulationOptions):
     seed: Seed = 0
     record: Literal["none", "summary", "default", "full"] = "default"
     """Amount to record: nothing (only summary.json and the policy are written); decisions and
-    poses; every signal, motors at 1 kHz, under 20 MB per minute of two robots; or every signal at 1
-    kHz with longer bursts at every tick."""
+    poses; every signal, motors at 200 Hz, under 8 MB per minute of two robots; or every signal at 1
+    kHz with more and longer bursts at every tick."""
     signals: tuple[Count, ...] = ()
     """Robots with recorded signals, from 1; by default all of up to 64, else the first four. For
     the others only poses are recorded."""

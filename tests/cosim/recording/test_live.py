@@ -82,7 +82,7 @@ def test_run_reaches_the_viewer_and_the_file(command, server, tmp_path):
     done = command("run", *brief, "--out", tmp_path / "run", "--live", "--viewer", url)
     assert done.returncode == 0, done.stderr
     written = rows_of(tmp_path / "run" / "episodes" / "ep_000.rrd")
-    assert written["/sim/r1/motors/omega"] == 4001  # and the row of its style
+    assert written["/sim/r1/motors/omega"] == 801  # and the row of its style
     deadline = time.monotonic() + 120.0
     saved = {}
     while saved != written:  # the server saves what it has received in its own time

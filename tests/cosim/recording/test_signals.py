@@ -53,7 +53,11 @@ UNITS = {
     "rl": {"cells": "cell visited distance", "1": "reward reward_parts return", "s": "q_s"},
     "world": {"m": "robot:translation", "1": "robot:quaternion"},
 }
-# How rows of the default level sum up 25 periods: by the last, the largest (of impacts), or
+FAST = {
+    "motors/omega",
+    "motors/voltage",
+}  # whose rows sum up 5 periods at the default level, by means
+# How other rows of the default level sum up 25 periods: by the last, the largest (of impacts), or
 MEANS = {"motors/current", "velocity", "yaw_rate"} | {
     f"contact/{name}"
     for name in ("normal_mean", "friction_mean", "slipping_share", "lifted_share", "touching_share")
@@ -293,19 +297,19 @@ def test_rows_of_the_default_level_sum_up_periods(episode, steps):
     coarse = recorded(steps, "default").signals
     for path, signal in coarse.items():
         _, kind, _, name = path.split("/", 3)
-        if kind == "sim" and name not in {"motors/omega", "motors/voltage"}:
-            every = episode.signals[path].values
-            blocks = np.split(every, np.arange(25, len(every), 25))
+        if kind == "sim":
+            every, size = episode.signals[path].values, 5 if name in FAST else 25
+            blocks = np.split(every, np.arange(size, len(every), size))
             how = (
                 np.mean
-                if name in MEANS
+                if name in {*MEANS, *FAST}
                 else np.max
                 if name == "contact/impact"
                 else lambda b, axis: b[-1]
             )
             expected = [how(block, axis=0) for block in blocks]
             np.testing.assert_allclose(signal.values, expected, rtol=1e-9, atol=1e-15, err_msg=path)
-        elif kind in {"sim", "rl"}:
+        elif kind == "rl":
             np.testing.assert_array_equal(signal.values, episode.signals[path].values)
     loop = {path for path in episode.signals if path.rpartition("/")[2] in LOOP}
     assert {p for p in episode.signals if p not in coarse} - loop == {

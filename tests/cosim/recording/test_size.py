@@ -36,15 +36,15 @@ def test_a_recording_weighs_what_is_said_before(level, times_s, tmp_path):
 
 def test_large_recordings_are_announced_with_what_makes_them_smaller(caplog):
     usual = CoSimConfig()
-    slow = usual.having("given", episode_limit_s=2216.0)
+    slow = usual.having("given", episode_limit_s=6000.0)
     with caplog.at_level(logging.WARNING):
         warn_of_size(usual, "default", 2)
         warn_of_size(slow, "summary", 2)
         assert not caplog.records
         warn_of_size(slow, "default", 2)
     (text,) = caplog.messages
-    assert text.startswith("the recording of an episode can become 74")  # MB
-    assert "(2216 s at most)" in text and "--record summary" in text
+    assert text.startswith("the recording of an episode can become 749 MB")
+    assert "(6000 s at most)" in text and "--record summary" in text
 
 
 def test_a_recording_is_read_chunk_by_chunk_and_without_what_is_not_needed(tmp_path):
