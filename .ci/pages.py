@@ -36,7 +36,7 @@ def code(file: str, name: str) -> str:
     )
     if len(found) != 1:
         raise ValueError(f"{file} has {len(found)} places 'begin {name}', not 1")
-    return textwrap.dedent(found[0])
+    return textwrap.dedent(found[0]).rstrip()
 
 
 def written(text: str) -> str:

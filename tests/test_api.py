@@ -171,7 +171,7 @@ def test_the_recorded_greedy_action_is_what_the_policy_chose():
 
 def test_progress_is_told_every_task_of_a_method_to_its_end(policy):
     built_in = {name for name in agent.methods() if ":" not in name}
-    assert built_in == {"paper", "moves", "shortest", "fastest", "planned"}
+    assert built_in == {"paper", "double_q", "moves", "shortest", "fastest", "planned"}
     told = Told()
     agent.train("1a", method="paper", episodes=20_000, again=True, progress=told)
     assert told.last == {"training": (20_000, 20_000)}
@@ -224,7 +224,7 @@ def test_simulate_refuses_what_it_does_not_know(policy, message, name, value):
     ("arguments", "message"),
     [
         ({"scenario": "7"}, "unknown scenario '7'"),
-        ({"method": "luck"}, "'luck' is unknown; choose one of paper, moves"),
+        ({"method": "luck"}, "'luck' is unknown; choose one of paper, double_q"),
         ({"method": ["paper"]}, "method = .* is unknown; choose one of paper"),
         ({"motor_fmu": "my.fmu"}, "motor_fmu has no effect .* method paper"),
         ({"motor_parameters": {"J": 5e-9}}, "motor_parameters has no effect .* paper"),

@@ -29,7 +29,7 @@ from agent.mdp.exact import joint_starts
 from agent.moves.model import ObservedMoves
 from agent.moves.observe import observe_moves
 from agent.training.loop import learn
-from agent.training.methods import METHODS
+from agent.training.methods import METHODS, method_config
 from agent.training.policy import Policy, PolicyConfig, Seed
 from agent.training.settings import LearningConfig
 from cosim.calibration.measuring import find_calibration
@@ -73,10 +73,10 @@ OF_2008 = {
     "OPENBLAS_CORETYPE": "Nehalem",
 }
 LEARNERS = {
-    "1a": ("1a", LearningConfig(episodes=4000)),
-    "2": ("2", LearningConfig(episodes=4000)),
-    "4": ("4", LearningConfig(episodes=4000)),
-    "4 double Q": ("4", LearningConfig(episodes=4000, algorithm="double_q")),
+    "1a": ("1a", "paper"),
+    "2": ("2", "paper"),
+    "4": ("4", "paper"),
+    "4 double Q": ("4", "double_q"),
 }
 CONFIG = CoSimConfig()
 # Two robots that meet within 3 s, and two that come to a wall.
@@ -144,8 +144,8 @@ def _limited(config: CoSimConfig, limit_s: float) -> CoSimConfig:
 
 
 def _of_learning() -> Iterator[tuple[str, str]]:
-    for name, (scenario, learning) in LEARNERS.items():
-        config = PolicyConfig(find_scenario(scenario), ProcessConfig(), learning, Seed(0))
+    for name, (scenario, method) in LEARNERS.items():
+        config = method_config(method, scenario, episodes=4000)
         policy = learn(config)[0]
         yield f"policy {name}", _of_policy(policy)
         yield f"grid {name}", _digest(*policy.evaluate())
@@ -259,7 +259,7 @@ def _of_studies() -> Iterator[tuple[str, str]]:
     rows = {job.index: result for job, result in run_jobs([Job(case, k) for k in range(4)], 1)}
     for index, result in sorted(rows.items()):
         yield f"row {index}", _of_result(result)
-    report = msgspec.to_builtins(measures(case, rows))
+    report = msgspec.to_builtins(measures([(case, rows)]))
     # without intervals, which special functions of a library give
     kept = {k: v for k, v in report.items() if not k.endswith(("_low", "_high"))}
     yield "summary", _digest(kept)

@@ -1,6 +1,6 @@
 """Rows of tables of policies: what each achieves, in the dynamics or on the grid, and columns."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -8,7 +8,14 @@ import numpy as np
 
 from agent.evaluation.cases import Case
 from agent.evaluation.claims import JudgedClaim
-from agent.evaluation.statistics import Interval, Statistics, interval_text, rate, summarise
+from agent.evaluation.statistics import (
+    Interval,
+    Statistics,
+    interval_text,
+    rate,
+    rate_over_trainings,
+    summarise,
+)
 from agent.mdp.greedy import GreedyPolicy
 from cosim.base.table import Column, Columns, field, markdown
 from cosim.model.outcome import ENDS, SUCCESS, Outcome
@@ -29,10 +36,11 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What a policy achieves in a scenario; None where there is no such number.
 
-    Every outcome has the share of the episodes that ended so, and its 95 % Wilson interval; on the
-    grid only success from a sample of the starts has one, as all else is exact. In the dynamics
-    path, rotation, time, energy and moves are means over successful episodes, path, rotation and
-    moves also over the robots, the energy summed over them.
+    Every outcome has the share of the episodes that ended so, and its 95 % interval: Wilson's, or
+    `rate_over_trainings` where the row is over several. On the grid only success from a sample of
+    the starts has one, as all else is exact. In the dynamics path, rotation, time, energy and moves
+    are means over successful episodes, path, rotation and moves also over the robots, the energy
+    summed over them.
     """
 
     policy: str  # its name, file or method
@@ -42,6 +50,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     success: float | None = None
     success_low: float | None = None
     success_high: float | None = None
+    success_least: float | None = None  # of a training, and the most
+    success_most: float | None = None
     collision: float | None = None
     collision_low: float | None = None
     collision_high: float | None = None
@@ -70,7 +80,10 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     starts: int  # combinations of start cells that the scenario has; on the grid those evaluated
     planned: int  # episodes asked for
     wall_s: float | None = None  # of the episodes, of all threads together
-    digest: str = ""  # of the case
+    digest: str = ""  # of the case, if it is one
+    training: int | None = None  # its seed, of a policy that the study has trained
+    trainings: int | None = None  # that the row is over, and the rows of single ones
+    by_training: tuple["Row", ...] = ()
     failing_starts: int  # episodes that did not end in success
     failures: tuple[Failure, ...] = ()  # these; on the grid at most the first 1000
     recordings: tuple[str, ...] = ()
@@ -101,23 +114,36 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 _ROW_ONLY = (
-    *("options", "results", "failures", "recordings", "claim"),
+    *("options", "results", "failures", "recordings", "claim", "by_training"),
     *("steps", "ratio_to_bound", "steps_ratio_to_bound"),
 )
 
 
-def measures(case: Case, results: Mapping[int, EpisodeResult]) -> dict[str, Any]:
-    """Return the fields of a `Row` that are statistics over episodes, by index of the start."""
+def measures(parts: Sequence[tuple[Case, Mapping[int, EpisodeResult]]]) -> dict[str, Any]:
+    """Return the fields of a `Row` that are statistics over episodes.
+
+    Args:
+        parts: the case of each training, or the only one, and its episodes by index of the start;
+            of several all have the same.
+    """
+    results = [result for _, episodes in parts for result in episodes.values()]
     found: dict[str, Any] = {"episodes": len(results)}
     for outcome in ENDS:
-        count = sum(result.outcome == outcome for result in results.values())
-        found |= _with_ends(outcome, rate(count, len(results)))
-    successes = {index: r for index, r in results.items() if r.outcome == Outcome.SUCCESS}
+        hits = np.array([[r.outcome == outcome for r in of.values()] for _, of in parts], bool)
+        several = len(parts) > 1 and hits.size > 0
+        over = rate_over_trainings(hits) if several else rate(int(hits.sum()), hits.size)
+        found |= _with_ends(str(outcome), over)
+        if several and outcome == Outcome.SUCCESS:
+            shares = hits.mean(axis=1)
+            found |= {"success_least": float(shares.min()), "success_most": float(shares.max())}
     for name in ("path_length_cm", "rotation_deg", "sim_time_s", "energy_j"):
-        values = [getattr(result, name) for result in successes.values()]
+        values = [getattr(r, name) for r in results if r.outcome == Outcome.SUCCESS]
         found[name] = float(np.mean(values)) if values else None
-    found |= _with_ends("path_ratio_to_grid", summarise(_ratios_to_grid(case, successes), 0.0))
-    distances = [r.min_distance_cm for r in results.values() if r.min_distance_cm is not None]
+    ratios = [_ratios_to_grid(*part) for part in parts]
+    if len(ratios) > 1:  # what varies is the training
+        ratios = [np.array([of[np.isfinite(of)].mean() for of in ratios if np.isfinite(of).any()])]
+    found |= _with_ends("path_ratio_to_grid", summarise(ratios[0], 0.0))
+    distances = [r.min_distance_cm for r in results if r.min_distance_cm is not None]
     return found | {"min_distance_cm": min(distances, default=None)}
 
 
@@ -125,8 +151,9 @@ def _with_ends(name: str, of: Interval | Statistics) -> dict[str, float | None]:
     return {name: of.mean, f"{name}_low": of.low, f"{name}_high": of.high}
 
 
-def _ratios_to_grid(case: Case, successes: Mapping[int, EpisodeResult]) -> np.ndarray:
-    """(episodes,) float64, NaN where the policy fails on the grid."""
+def _ratios_to_grid(case: Case, results: Mapping[int, EpisodeResult]) -> np.ndarray:
+    """(successes,) float64, NaN where the policy fails on the grid."""
+    successes = {index: r for index, r in results.items() if r.outcome == Outcome.SUCCESS}
     if not successes:
         return np.empty(0)
     policy = case.policy
@@ -160,11 +187,19 @@ def _others(row: Row) -> str:
     return ", ".join(map(str, counts)) if row.episodes else "–"
 
 
+def _of_trainings(row: Row) -> str:
+    if row.success_least is None or row.success_most is None:
+        return str(row.trainings or "–")
+    ends = f"{100.0 * row.success_least:.0f} to {100.0 * row.success_most:.0f} %"
+    return f"{row.trainings}: {ends}"
+
+
 POLICY, SCENARIO, METHOD = field("policy"), field("scenario"), field("policy", heading="method")
 MU = field("mu", "{:g}", "µ")
 SHIELD = Column("shield", lambda row: "on" if row.shield else "off")
 PATH_RATIO = interval_column("path_ratio_to_grid", 3, heading="× own grid path")
 OUTCOMES = (
+    Column("trainings", _of_trainings),
     Column("episodes", _episodes),
     rate_column("success"),
     rate_column("collision"),
@@ -187,6 +222,7 @@ def option_column(name: str, heading: str | None = None) -> Column:
 OF_POLICIES = (
     POLICY,
     SCENARIO,
+    Column("trainings", _of_trainings),
     Column("episodes", lambda r: f"{r.episodes}" if r.claim else f"{r.episodes} of {r.starts}"),
     *map(rate_column, ENDS),
     *MEASURES[1:3],

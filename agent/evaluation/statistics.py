@@ -13,6 +13,7 @@ import numpy as np
 from scipy.stats import binomtest, t
 
 CONFIDENCE = 0.95
+_RESAMPLES = 10_000  # of a bootstrap
 _OTHERS = 10  # runs that differ from the most frequent value, after which intervals cover
 
 
@@ -40,6 +41,57 @@ def rate(count: int, episodes: int) -> Interval:
         return Interval(None, None, None)
     interval = binomtest(count, episodes).proportion_ci(CONFIDENCE, method="wilson")
     return Interval(count / episodes, float(interval.low), float(interval.high))
+
+
+def rate_over_trainings(hits: np.ndarray) -> Interval:
+    """Return the share of episodes that count, over trainings that are driven from the same starts.
+
+    Its interval is that of a bootstrap that draws trainings and starts again, and at least Wilson's
+    of all episodes: where all are alike a bootstrap has no spread.
+
+    Args:
+        hits: (trainings, starts) bool, which episodes count.
+    """
+    of_all, rng = rate(int(hits.sum()), hits.size), np.random.default_rng(0)
+    low, high = _ends(_shares(rng, hits, _drawn(rng, hits.shape[1])))
+    return Interval(of_all.mean, min(low, of_all.low or 0.0), max(high, of_all.high or 0.0))
+
+
+def paired_difference(first: np.ndarray, second: np.ndarray) -> Interval:
+    """Return how much larger the first of two methods' shares is, driven from the same starts.
+
+    Its interval is that of a bootstrap that draws starts for both together, and trainings for each.
+
+    Args:
+        first, second: (trainings, starts) bool, which episodes count.
+    """
+    rng = np.random.default_rng(0)
+    starts = _drawn(rng, first.shape[1])
+    ends = _ends(_shares(rng, first, starts) - _shares(rng, second, starts))
+    return Interval(float(first.mean() - second.mean()), *ends)
+
+
+def paired_test(first: np.ndarray, second: np.ndarray) -> float:
+    """Return the p-value of the exact McNemar test of two policies; (starts,) bool each."""
+    more, less = int((first & ~second).sum()), int((~first & second).sum())
+    return float(binomtest(more, more + less).pvalue) if more + less else 1.0
+
+
+def _drawn(rng: np.random.Generator, count: int) -> np.ndarray:
+    """(resamples, count) int64, how often each of `count` is drawn."""
+    return rng.multinomial(count, np.full(count, 1.0 / count), _RESAMPLES)
+
+
+def _shares(rng: np.random.Generator, hits: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """(resamples,) share of episodes that count, of drawn trainings and starts as given."""
+    of_starts = _drawn(rng, len(hits)) @ hits.astype(np.int64)  # exact
+    return (of_starts * starts).sum(axis=1) / hits.size
+
+
+def _ends(values: np.ndarray) -> tuple[float, float]:
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low, high = np.quantile(values, (tail, 1.0 - tail))
+    return float(low), float(high)
 
 
 def interval_text(

@@ -74,7 +74,8 @@ def run_experiment(options: ExperimentOptions, progress: Progress = silent) -> E
         points = options.greedy_points
         learning = replace(variant.learning, episodes=episodes, greedy_points=points)
         board = find_scenario(variant.scenario)
-        experiment = Experiment(board, variant.process, learning, options.seed, options.runs)
+        settings = board, variant.process, learning, options.seed, options.runs
+        experiment = Experiment(*settings, method=variant.method)
         how = {"where": options.where, "progress": progress, "task": variant.label}
         named = enumerate(policy for policy, _ in make_runs(experiment, out / key, **how))
         report = report_of((f"{key}/{run_name(k)}", policy) for k, policy in named)

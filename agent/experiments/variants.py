@@ -9,7 +9,7 @@ import msgspec
 import tyro
 
 from agent.mdp.config import ProcessConfig
-from agent.training.settings import LearningConfig
+from agent.training.settings import LearningConfig, MethodName
 from cosim.base.command import Checked, Count, NewFolder, Seed
 from cosim.base.jobs import PROCESSES, Where
 from cosim.base.reading import Kind, read_toml
@@ -45,6 +45,7 @@ class Variant(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     process: ProcessConfig = ProcessConfig()
     # Learning configuration; the command may change its number of episodes
     learning: LearningConfig = LearningConfig()
+    method: MethodName = "paper"
 
 
 def variants_of(experiment: Name) -> dict[str, Variant]:

@@ -13,7 +13,7 @@ from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.claims import Claim, JudgedClaim
 from agent.evaluation.rows import Failure, Row, measures, text_of
 from agent.study.options import Sampling
-from agent.study.policies import policy_of
+from agent.study.policies import is_trained, policy_of
 from agent.study.store import EpisodeStore
 from cosim.base.arguments import ConfigError, to_plain
 from cosim.base.errors import UserError, shorten
@@ -40,13 +40,14 @@ _OF_STUDY = [f.name for kind in (Sampling, Workers) for f in fields(kind) if f.n
 
 @dataclass(frozen=True)
 class Line:
-    """What a row is made of: a case, and which of its episodes."""
+    """What a row is made of: a case, and which of its episodes; each training has a row."""
 
     case: Case
     indices: list[int]  # of the starts, see `Case.sample`
     policy: str  # of the row, as are its options
     options: dict[str, Any] = field(default_factory=dict)
     claim: Claim | None = None  # about the policy; the row ends with the episode that decides it
+    training: int | None = None  # seed of the policy's training, if the study has trained it
 
     def __post_init__(self) -> None:
         if self.claim is not None and self.case.config.on_collision != "end":
@@ -61,7 +62,7 @@ class Line:
         return dict(islice(known.items(), self.claim and self.claim.judge(known.values()).episodes))
 
     def row(self, store: EpisodeStore, recordings: Mapping[int, Path] = {}) -> Row:
-        """Return the row of the episodes that count, of which some are recorded."""
+        """Return the row of the episodes that count, which it has; some are recorded."""
         case, results, claim = self.case, self.results(store), self.claim
         failures = tuple(
             Failure(
@@ -77,7 +78,7 @@ class Line:
             policy=self.policy,
             scenario=case.policy.config.scenario.name,
             options=self.options,
-            **measures(case, results),
+            **measures([(case, results)]),
             mu=case.config.robot.mu,
             shield=case.config.shield is not None,
             drive_speed_m_s=case.config.steering.drive_speed_m_s
@@ -91,6 +92,9 @@ class Line:
             failures=failures,
             recordings=tuple(map(str, recordings.values())),
             claim=claim and claim.judge(results.values()),
+            results=results,
+            training=self.training,
+            trainings=None if self.training is None else 1,
         )
 
 
@@ -104,8 +108,9 @@ def lines_of(
     *,
     exactly: bool = False,
     claim: Claim | None = None,
+    trainings: int = 1,
 ) -> list[Line]:
-    """Return policies in every combination of scenarios and options.
+    """Return policies in every combination of scenarios and options, a line for each training.
 
     Args:
         policies: by name, what `policy_of` takes.
@@ -115,6 +120,7 @@ def lines_of(
         count: episodes of a row, None for one from every start. Where there are fewer starts, all,
             or with a claim these again, each time with other noise.
         exactly: whether fewer starts are refused instead.
+        trainings: of methods that learn, with the seeds from `seed` on.
     """
     given = {name: to_plain(name, value) for name, value in given.items()}
     axes = {name: value for name, value in given.items() if isinstance(value, list)}
@@ -125,16 +131,26 @@ def lines_of(
     for name, several in axes.items():
         _require_distinct(name, several)
     lines: list[Line] = []
-    found: dict[tuple[str, Scenario | None, str], Any] = {}
-    for board, (name, of), values in product(scenarios, policies.items(), product(*axes.values())):
+    found: dict[tuple[str, Scenario | None, str, int | None], Any] = {}
+    if claim is not None and trainings > 1:
+        raise ConfigError(
+            f"trainings = {trainings} contradicts a claim, which is about one policy; leave out one"
+        )
+    drawn = [
+        (name, of, training)
+        for name, of in policies.items()
+        for training in (range(seed, seed + trainings) if is_trained(of) else (None,))
+    ]
+    for board, (name, of, training), values in product(scenarios, drawn, product(*axes.values())):
         chosen = dict(zip(axes, values, strict=True))
         physics = {"world": None, **given, **chosen}
         world = physics.pop("world")
         options = options_of("study", physics, *_OF_STUDY)
         only = None if board is None else options.board(board, world)[0]
-        key = name, only, str(options.machine)
+        key = name, only, str(options.machine), training
         if key not in found:
-            found[key] = policy_of(of, only, seed=seed, options=options, progress=progress)
+            how = {"seed": training or 0, "options": options, "progress": progress}
+            found[key] = policy_of(of, only, **how)
         policy = found[key]
         setup = resolve(
             options_for(policy, options),
@@ -150,7 +166,7 @@ def lines_of(
             indices = case.rounds(count or starts)
         else:
             indices = case.sample(count if count and exactly else min(count or starts, starts))
-        lines.append(Line(case, indices, name, chosen, claim))
+        lines.append(Line(case, indices, name, chosen, claim, training))
     return lines
 
 
@@ -173,15 +189,18 @@ def measure(
     where: Workers,
     *,
     recordings: int = 0,
+    episodes: bool = False,
     may_begin: Callable[[], bool] = always,
     progress: Progress = silent,
 ) -> tuple[Row, ...]:
     """Simulate the missing episodes of all rows at once, so that they share batches.
 
-    Rows with a claim follow one by one, each in its order until its claim is decided.
+    Rows with a claim follow one by one, each in its order until its claim is decided. Trainings of
+    one method become a row over all of them.
 
     Args:
         recordings: how many failures, and successes, of each row are recorded, on this machine.
+        episodes: whether rows have theirs.
     """
     odd = dict.fromkeys(line.policy for line in lines if not line.case.known)
     if odd and store.path is not None:
@@ -198,7 +217,42 @@ def measure(
         if line.claim is not None:
             _decide(line, line.claim, store, may_begin, how)
     recorded = _record(lines, store, recordings, where.count if recordings else 1, progress)
-    return tuple(line.row(store, paths) for line, paths in zip(lines, recorded, strict=True))
+    groups: dict[str, list[tuple[Line, Row]]] = {}
+    for line, paths in zip(lines, recorded, strict=True):
+        row = line.row(store, paths)
+        groups.setdefault(str(row.labels()), []).append((line, row))
+    rows = map(_pooled, groups.values())
+    return tuple(rows) if episodes else tuple(map(_without_episodes, rows))
+
+
+def _without_episodes(row: Row) -> Row:
+    parts = tuple(map(_without_episodes, row.by_training))
+    return msgspec.structs.replace(row, results={}, by_training=parts)
+
+
+def _pooled(trainings: Sequence[tuple[Line, Row]]) -> Row:
+    """Return the row over the rows of single trainings, which it has; the only one as it is.
+
+    Of each training the same episodes count: as many as all that have begun have.
+    """
+    rows = tuple(row for _, row in trainings)
+    if len(rows) == 1:
+        return rows[0]
+    begun = [(line.case, row.results) for line, row in trainings if row.results] or [
+        (trainings[0][0].case, {})
+    ]
+    least = min(len(results) for _, results in begun)
+    parts = [(case, dict(islice(results.items(), least))) for case, results in begun]
+    together: dict[str, Any] = {
+        name: tuple(one for row in rows for one in getattr(row, name))
+        for name in ("failures", "recordings")
+    }
+    summed = {
+        n: sum(getattr(row, n) for row in rows) for n in ("planned", "wall_s", "failing_starts")
+    }
+    one = {"training": None, "trainings": len(begun), "digest": "", "results": {}}
+    more = {**one, **summed, **together, "by_training": rows}
+    return msgspec.structs.replace(rows[0], **measures(parts), **more)
 
 
 def _decide(

@@ -42,6 +42,9 @@ class Sampling(Work):
         None
     )
     """Least probability that the verdict is right, by default 0.999."""
+    trainings: Count = 1
+    """Trainings of each method that learns, with the seeds seed, seed + 1, ...; all are driven from
+    the same starts with the same noise."""
     out: Folder | None = None
     """Folder of results and tables, from which the same study resumes; by default nothing is
     kept."""

@@ -1,6 +1,7 @@
 """Policies as studies take them: files, methods by name, and any object with `act` or `drive`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,10 +10,10 @@ from typing import Any
 from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.interpretations import Process, build_process
-from agent.training.methods import METHODS, Method, imported, method_config
+from agent.training.methods import METHODS, Method, find_method, imported, method_config
 from agent.training.policy import load_policy
 from agent.training.store import find_or_make
-from cosim.base.arguments import ConfigError
+from cosim.base.arguments import ConfigError, require_names, validate_argument
 from cosim.base.errors import failure, shorten
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of, identity_of
@@ -71,33 +72,68 @@ def policy_of(
     """Return the policy, such as a `GreedyPolicy`, that a user names.
 
     Args:
-        given: policy, file, name of a method, "module:Name" of an object or class, or an object
-            with `act` or `drive`.
+        given: policy, file, name of a method, dict of a `method` and of some of its settings
+            `process` and `learning`, "module:Name" of an object or class, or an object with `act`
+            or `drive`.
         scenario: in which it acts; a file has its own, and is refused in another one.
         seed, options: of a method, see `method_config`.
     """
-    name = str(given) if isinstance(given, str | Path) else None
-    if isinstance(given, GreedyPolicy | ObjectPolicy):
+    found = _named(given)
+    if isinstance(found, GreedyPolicy | ObjectPolicy):
         if scenario is not None:
-            given.require_scenario(scenario)
-        return given
-    file = name is not None and (":" not in name or Path(name).exists())
-    if name is not None and name not in METHODS and file:
-        return load_policy(name, scenario)
+            found.require_scenario(scenario)
+        return found
+    if isinstance(found, Path):
+        return load_policy(found, scenario)
     if scenario is None:
         raise ConfigError(
             f"policy = {shorten(given)} needs a scenario; name one (scenario, --scenario)"
         )
-    found: Any = given if name is None else METHODS.get(name) or imported("policy", name, _OBJECT)
     if isinstance(found, Method):
-        config = method_config(found, scenario, seed, options=options, progress=progress)
-        return find_or_make(config, found, progress=progress)[0]
+        settings = _settings(given, found, scenario) if isinstance(given, Mapping) else {}
+        how = {"options": options, "progress": progress, **settings}
+        return find_or_make(method_config(found, scenario, seed, **how), found, progress=progress)[
+            0
+        ]
     drives(found)
     return ObjectPolicy(found, scenario)
+
+
+def is_trained(given: Any) -> bool:
+    """Return whether what a user names is a method that learns."""
+    found = _named(given)
+    return isinstance(found, Method) and found.compute is None
+
+
+def _named(given: Any) -> Any:
+    """Return the `Method`, the object or class, or the path of the file that a user names."""
+    if isinstance(given, Mapping):
+        require_names("policy: ", given, ("method", "process", "learning"))
+        return find_method(given.get("method", ""))
+    if not isinstance(given, str | Path):
+        return given
+    name = str(given)
+    if name in METHODS:
+        return METHODS[name]
+    if ":" not in name or Path(name).exists():
+        return Path(name)
+    return imported("policy", name, _OBJECT)
+
+
+def _settings(given: Mapping[str, Any], method: Method, scenario: Scenario) -> dict[str, Any]:
+    """Return the settings of a method, of which a user gives some."""
+    found = {}
+    for name, usual in zip(("process", "learning"), method.settings(scenario), strict=True):
+        table = validate_argument(f"policy: {name}", given.get(name, {}), dict)
+        require_names(f"policy: {name}.", table, [field.name for field in fields(usual)])
+        found[name] = replace(usual, **table)
+    return found
 
 
 def name_of(given: Any) -> str:
     """Return what a policy is called in tables."""
     if isinstance(given, str | Path):
         return str(given)
+    if isinstance(given, Mapping):
+        return str(given.get("method"))
     return getattr(given, "name", None) or type(given).__name__

@@ -106,7 +106,14 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
         rows = [row.record() for row in self.rows]
         match path.suffix:
             case ".json":
-                more = [{"failures": row.failures, "claim": row.claim} for row in self.rows]
+                more = [
+                    {
+                        "failures": row.failures,
+                        "claim": row.claim,
+                        "by_training": [part.record() for part in row.by_training],
+                    }
+                    for row in self.rows
+                ]
                 rows = [row | own for row, own in zip(rows, more, strict=True)]
                 write_json(path, {"seed": self.seed, "axes": self.axes, "rows": rows})
             case ".md":
@@ -125,8 +132,13 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
         write_parquet(Path(path), self._episodes())
 
     def _episodes(self) -> list[dict[str, Any]]:
+        names = ("digest", "training")
         return [
-            row.labels() | {"digest": row.digest, "index": index} | msgspec.structs.asdict(result)
-            for row in self.rows
+            row.labels()
+            | {name: getattr(row, name) for name in names}
+            | {"index": index}
+            | msgspec.structs.asdict(result)
+            for over in self.rows
+            for row in over.by_training or (over,)
             for index, result in row.results.items()
         ]

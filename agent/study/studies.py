@@ -85,7 +85,8 @@ def evaluate(
     assert how.out is not None
     store = EpisodeStore(how.out)
     by_name = {name_of(policy): policy for policy in policy_files(policies)}
-    which: dict[str, Any] = {"exactly": exactly, "claim": claim_of(how.claim, how.confidence)}
+    claim = claim_of(how.claim, how.confidence)
+    which: dict[str, Any] = {"exactly": exactly, "claim": claim, "trainings": how.trainings}
     lines = lines_of(by_name, [scenario], vars(physics), how.seed, starts, progress, **which)
     more = {"recordings": recordings, "may_begin": until(how.budget_minutes), "progress": progress}
     return EvaluationReport(seed=how.seed, rows=measure(lines, store, how.where, **more))

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from agent.evaluation.claims import claim_of
@@ -48,8 +47,9 @@ def study(
     >>> table.plot().savefig("success.png")
 
     Args:
-        policies: one or a list, or a dict of them by name: files, names of methods,
-            "module:Name", or any objects with `act(observation)`.
+        policies: one or a list, or a dict of them by name: files, names of methods, dicts of a
+            `method` with some of its settings `process` and `learning`, "module:Name", or any
+            objects with `act(observation)`.
         scenario: name, file or record, or a list of them; by default that of every policy's file.
         episodes: of every row, from a sample of starts that all rows of a scenario share; all
             starts where there are fewer, or with a claim these again, each time with other noise;
@@ -57,9 +57,9 @@ def study(
         world: world file, record or dict of its fields, or a list of them.
         progress: receives what is trained and simulated; by default it is shown on stderr if the
             call takes more than two seconds. None shows nothing.
-        options: of a study (`claim`, `confidence`, `seed`, `out`, `jobs`, `backend`, `address`,
-            `budget_minutes`), see `agent.study.options`; and of `minirobots run`, such as `mu`,
-            `noise`, `speed`, `shield`, of which a list or an array is an axis.
+        options: of a study (`trainings`, `claim`, `confidence`, `seed`, `out`, `jobs`, `backend`,
+            `address`, `budget_minutes`), see `agent.study.options`; and of `minirobots run`, such
+            as `mu`, `noise`, `speed`, `shield`, of which a list or an array is an axis.
 
     Returns:
         The table.
@@ -86,15 +86,13 @@ def _measured(
     """Measure and keep what `study` and `evaluate` are given; see `lines_of`."""
     how, given = record_of(Sampling, options)
     folder = how.out
-    which: dict[str, Any] = {"exactly": exactly, "claim": claim_of(how.claim, how.confidence)}
+    claim = claim_of(how.claim, how.confidence)
+    which: dict[str, Any] = {"exactly": exactly, "claim": claim, "trainings": how.trainings}
     lines = lines_of(policies, scenarios, given, how.seed, count, progress, **which)
     store = EpisodeStore(None if folder is None else folder / "results")
     may_begin = until(how.budget_minutes)
-    measured = measure(lines, store, how.where, may_begin=may_begin, progress=progress)
-    rows = tuple(
-        msgspec.structs.replace(row, results=line.results(store))
-        for row, line in zip(measured, lines, strict=True)
-    )
+    more: dict[str, Any] = {"may_begin": may_begin, "progress": progress}
+    rows = measure(lines, store, how.where, episodes=True, **more)
     table = Report(rows=rows, axes=tuple(lines[0].options), seed=how.seed)
     if folder is not None:
         for suffix in SUFFIXES:
@@ -158,12 +156,13 @@ def evaluate(
         starts: how many to sample without replacement, by default 20. With a claim by default all,
             and if it is more than there are they begin again, each time with other noise.
         progress: see `study`.
-        options: `claim`, `confidence`, `seed`, `world`, `jobs`, `backend`, `out` and others of
-            `study`, and those of `minirobots run`, such as `mu`; one value each.
+        options: `trainings`, `claim`, `confidence`, `seed`, `world`, `jobs`, `backend`, `out` and
+            others of `study`, and those of `minirobots run`, such as `mu`; one value each.
 
     Returns:
         Rates with their 95 % Wilson intervals, means, `failures`, `results`, which are the episodes
-        by index of the start, and `claim`, with its verdict and evidence.
+        by index of the start, and `claim`, with its verdict and evidence. Over several `trainings`
+        the row has those of each, `by_training`, and their range.
 
     Raises:
         UserError: see its message.

@@ -6,12 +6,13 @@ elsewhere.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agent.mdp.interpretations import Process
 from agent.mdp.rng import probability_threshold, seeded_state
+from agent.training.rules import RECORDS, q_learning
 from agent.training.settings import LearningConfig
 from cosim.onboard.features import DIRECTION_COUNT
 
@@ -28,7 +29,10 @@ class Learning(NamedTuple):
     gamma: np.float32
     epsilon_thresholds: np.ndarray  # uint64, exploration threshold of each block of episodes
     epsilon_episodes: int  # per block
-    double_q: bool  # whether there are two tables per robot
+    rule: Any  # see `agent.training.rules.compiled`
+    # 0, 1, ... for the tables of a robot; a tuple, so that the compiler knows their number
+    tables: tuple[int, ...]
+    ahead: bool  # whether a robot draws its next action before it learns from a move
     log_episodes: int  # per point of the learning curves
     log_window: int  # last episodes of a point that count
 
@@ -41,7 +45,7 @@ EPISODES, SUCCESSES, PATH_CELLS, STEPS, RETURNS = 0, 1, 2, 3, 4  # RETURNS and a
 class TrainingState:
     """Everything a training run is made of between two episodes."""
 
-    q: np.ndarray  # (tables, N, states, 8) float32, Q tables, see `LearningConfig.tables`
+    q: np.ndarray  # (tables, N, states, 8) float32, Q tables, see `Method.tables`
     visits: np.ndarray  # (N, states) uint32, how often each robot decided in each state
     random: np.ndarray  # (1,) uint64, generator state
     # (points, RETURNS + N) float64, sums over the window of each point: episodes, successes, path
@@ -79,8 +83,10 @@ def epsilon_of_episodes(config: LearningConfig, episodes: np.ndarray) -> np.ndar
     return np.where(episodes < explored, epsilon[episodes // config.epsilon_episodes], 0.0)
 
 
-def build_learning(config: LearningConfig) -> Learning:
-    """The kernel's form of a learning configuration."""
+def build_learning(
+    config: LearningConfig, rule: Any = RECORDS[q_learning], tables: int = 1, *, ahead: bool = False
+) -> Learning:
+    """The kernel's form of a learning configuration; the rest is of the `Method`."""
     starts = np.arange(0, config.episodes, config.block)
     epsilon = epsilon_of_episodes(config, starts)
     fall = (config.eta if config.eta_end is None else config.eta_end) - config.eta
@@ -89,7 +95,9 @@ def build_learning(config: LearningConfig) -> Learning:
         gamma=np.float32(config.gamma),
         epsilon_thresholds=np.array([probability_threshold(e) for e in epsilon], dtype=np.uint64),
         epsilon_episodes=config.block,
-        double_q=config.algorithm == "double_q",
+        rule=rule,
+        tables=tuple(range(tables)),
+        ahead=ahead,
         log_episodes=config.log_episodes,
         log_window=config.log_window,
     )
@@ -106,11 +114,10 @@ def initial_state(
     process: Process,
     config: LearningConfig,
     seed: int | np.random.SeedSequence,
-    tables: int | None = None,
+    tables: int = 1,
 ) -> TrainingState:
-    """Tables of zeros, by default as many per robot as the algorithm has; a seeded generator."""
+    """Tables of zeros, of which a robot has `tables`, and a seeded generator."""
     robots = process.terrain.shape[0]
-    tables = tables or config.tables
     points = -(-config.episodes // config.log_episodes)
     columns, rows = (size - 2 for size in process.terrain.shape[1:])
     mapped = robots * columns * rows <= MAX_MAPPED_CELLS

@@ -31,7 +31,8 @@ from agent.training.learning import (
 from agent.training.methods import Method, find_method
 from agent.training.moves_qlearning import advance_moves
 from agent.training.policy import Policy, PolicyConfig
-from agent.training.qlearning import advance, advance_by, compiled_rule
+from agent.training.qlearning import advance
+from agent.training.rules import compiled
 from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError, failure
 from cosim.base.progress import Progress, silent
@@ -166,11 +167,9 @@ def learn(
     numbers, method = config.learning, method or find_method(config.method)
     process, model = config.build(), move_model(config)
     require_paths_alone(process)
-    learning, rule, tables = build_learning(numbers), None, None
-    if method.update is not None:
-        _require_of_rule(config)
-        rule, tables = compiled_rule(method.name, method.update), method.tables
-    state = initial_state(process, numbers, config.seed.sequence(), tables)
+    rule = compiled(method.name, method.update)
+    learning = build_learning(numbers, rule, method.tables, ahead=method.ahead)
+    state = initial_state(process, numbers, config.seed.sequence(), method.tables)
     evaluations = greedy_episodes(numbers)
     starts = some_starts(process, MAX_CURVE_STARTS)
     while state.episode < numbers.episodes:
@@ -178,20 +177,18 @@ def learn(
         due = np.searchsorted(evaluations, state.episode, side="right")
         if due < len(evaluations):
             until = min(until, int(evaluations[due]))
-        if model is not None:
-            advance_moves(process, model, learning, state, until)
-        elif rule is not None:
-            try:
-                advance_by(rule, process, learning, state, until)
-            except Exception as error:  # whatever a user's rule does
-                raise failure(f"the rule {method.name}", error) from error
-            if not np.isfinite(state.q).all():
-                raise UserError(
-                    f"method {method.name} has values that are not finite in its tables after "
-                    f"{until} episodes; correct the rule, or lower eta"
-                )
-        else:
-            advance(process, learning, state, until)
+        try:
+            if model is None:
+                advance(process, learning, state, until)
+            else:
+                advance_moves(process, model, learning, state, until)
+        except Exception as error:  # whatever a user's rule does
+            raise failure(f"the rule {method.name}", error) from error
+        if not np.isfinite(state.q).all():
+            raise UserError(
+                f"method {method.name} has values that are not finite in its tables after "
+                f"{until} episodes; correct the rule, or lower eta"
+            )
         if until in evaluations:
             values = state.q.mean(axis=0) if len(state.q) > 1 else state.q[0]
             result = evaluate(process, values, starts)
@@ -213,21 +210,6 @@ def learn(
         progress("training", until, numbers.episodes, now)
     policy = Policy(config, state.q, state.visits, state.random, state.episode)
     return policy, training_log(numbers, state, config.scenario.cell_m)
-
-
-def _require_of_rule(config: PolicyConfig) -> None:
-    """Refuse moves and an algorithm, which a user's rule does not use."""
-    if config.moves is not None:
-        raise UserError(
-            f"moves have no effect on method {config.method}, whose rule learns on the grid; leave "
-            "them out, or choose the method moves"
-        )
-    if config.learning.algorithm != LearningConfig.algorithm:
-        raise UserError(
-            f"learning: algorithm = {config.learning.algorithm} has no effect on the rule of "
-            f"method {config.method}; leave it at {LearningConfig.algorithm}, and give the number "
-            "of tables to learner(tables=...)"
-        )
 
 
 def training_log(config: LearningConfig, state: TrainingState, cell_m: float) -> TrainingLog:

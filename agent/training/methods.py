@@ -40,6 +40,7 @@ from agent.training.policy import (
     require_plannable,
     table_policy,
 )
+from agent.training.rules import double_q, q_learning
 from agent.training.settings import LearningConfig, MethodName
 from cosim.base.arguments import (
     ConfigError,
@@ -80,8 +81,9 @@ class Method:
     through: Callable[[Scenario], bool] | None = None
     most_robots: int = 10**6
     require: Callable[[Scenario], object] = lambda _: None  # refuses boards that are too large
-    update: Callable[..., None] | None = None  # see `learner`; None for Q-learning
-    tables: int = 1  # of each robot, for `update`
+    update: Callable[..., None] = q_learning  # see `learner`
+    tables: int = 1  # of each robot
+    ahead: bool = False  # whether robots draw their next action before they learn from a move
     compute: Callable[[PolicyConfig], GreedyPolicy] | None = None  # None if it is learnt
     version: int = 0  # of what computes it
 
@@ -151,6 +153,13 @@ METHODS: dict[str, Method] = {
             use="default for one robot and for two",
         ),
         Method(
+            "double_q",
+            "double Q-learning on the grid (of the paper's sequel)",
+            use="where Q-learning overestimates",
+            update=double_q,
+            tables=2,
+        ),
+        Method(
             "moves",
             "Q-learning on moves observed in the co-simulation",
             use="default with obstacles, on large boards and for swarms",
@@ -193,22 +202,27 @@ METHODS: dict[str, Method] = {
 }
 
 
-def learner(*, tables: int = 1, **facts: Any) -> Callable[[Callable[..., None]], Method]:
+def learner(
+    *, tables: int = 1, ahead: bool = True, **facts: Any
+) -> Callable[[Callable[..., None]], Method]:
     """Register a rule of tabular learning on the grid as a method, which `train` and `study` take.
 
     A decorator that returns the method.
     The rule `(q, s, a, reward, discount, s_next, a_next, eta, coin)` updates the tables `q`
     (tables, states, 8) of one robot after a move, in code that numba compiles. `discount` is γ, and
     0 at the end of an episode; `a_next` is the action that the robot will take in `s_next`, greedy
-    or random; `coin` is a random uint64. Robots act by the sum of the tables.
+    or random; `coin` is a random uint64, or 0 with one table. Robots act by the sum of the tables.
 
     Args:
         tables: of each robot, in `q`.
+        ahead: whether a robot draws its next action before it learns; else `a_next` is the greedy
+            one, which is all that Q-learning needs, and training is faster.
         facts: further fields of `Method`: `settings`, `most_robots`, `robots`, `needs` and `use`.
     """
-    require_names("learner: ", facts, ("tables", *_FACTS))
+    require_names("learner: ", facts, ("tables", "ahead", *_FACTS))
     kind = Annotated[int, Meta(ge=1, le=_MAX_TABLES)]
     facts["tables"] = validate_argument("learner: tables", tables, kind)
+    facts["ahead"] = validate_argument("learner: ahead", ahead, bool)
     return lambda update: _registered(update, update=update, **facts)
 
 

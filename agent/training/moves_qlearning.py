@@ -1,4 +1,4 @@
-"""Q-learning and double Q-learning where moves last: Eq. (7) over moves.
+"""Tabular learning where moves last, by any rule: Eq. (7) over moves.
 
 A robot that decides again k RL steps later has earned the rewards of those steps, discounted, and
 bootstraps with γ^k (a semi-Markov decision process). Tables, schedule and learning curves are those
@@ -20,23 +20,16 @@ from agent.mdp.grid import (
     state_index,
 )
 from agent.mdp.interpretations import Process
-from agent.mdp.rng import PROBABILITY_SHIFT, next_word
+from agent.mdp.rng import next_word
 from agent.moves.kernels import PLAN_SIZE, begin_move, reset_plans, step, waits
 from agent.moves.model import MoveModel
 from agent.training.learning import Learning, TrainingState
-from agent.training.qlearning import ACTION_BITS, best_of_sum, largest, log_episode
-from cosim.base.jit import inlined, kernel
+from agent.training.qlearning import best_action, explored, log_episode, loop_of
+from agent.training.rules import correct
 from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
 from cosim.model.params import TIMING
 
 
-@inlined
-def _drawn_table(learning: Learning, random: np.ndarray) -> np.int64:
-    """The table that is updated: the only one, or one of the two of double Q-learning."""
-    return np.int64(next_word(random) & np.uint64(1)) if learning.double_q else np.int64(0)
-
-
-@kernel
 def _run_episodes(
     process: Process,
     model: MoveModel,
@@ -62,7 +55,7 @@ def _run_episodes(
     returns = np.empty(n, dtype=np.float64)
     penalty = -process.goal_reward
     step_limit = process.step_limit * model.most_steps
-    double_q = learning.double_q
+    several, ahead = len(learning.tables) > 1, learning.ahead
     decisions = 0
     for episode in range(first, last):
         block = episode // learning.epsilon_episodes
@@ -77,11 +70,9 @@ def _run_episodes(
                 if world[i, STATUS] != MOVING or not waits(plans, i):
                     continue
                 s = state_index(process, world, i)
-                a = best_of_sum(q, i, s) if double_q else largest(q[0, i, s])[0]
-                word = next_word(random)
-                if (word >> PROBABILITY_SHIFT) < threshold:
-                    a = np.int64(word & ACTION_BITS)
-                state[i], action[i] = s, a
+                if steps == 0 or not ahead:
+                    action[i] = explored(best_action(learning, q, i, s), threshold, random)
+                state[i], a = s, action[i]
                 earned[i], discount[i] = np.float32(0.0), np.float32(1.0)
                 visits[i, s] += np.uint32(1)
                 decisions += 1
@@ -91,9 +82,8 @@ def _run_episodes(
                 if blocked != RUNNING:
                     outcome = max(outcome, blocked)  # out of board outranks a collision
                     returns[i] += penalty
-                    k = _drawn_table(learning, random)
-                    # Eq. (7) in a terminal state
-                    q[k, i, s, a] += eta * (penalty - q[k, i, s, a])
+                    coin = next_word(random) if several else np.uint64(0)
+                    correct(learning.rule, q, i, s, a, penalty, np.float32(0.0), s, a, eta, coin)
             if outcome != RUNNING:
                 break
             outcome, passed = step(process, model, world, plans, rewards)
@@ -110,20 +100,15 @@ def _run_episodes(
                 moving = world[i, STATUS] == MOVING
                 if moving and not waits(plans, i):
                     continue
-                k = _drawn_table(learning, random)
-                # begin moves
+                coin = next_word(random) if several else np.uint64(0)
+                s_next, share = s, np.float32(0.0)  # if nothing comes after
                 if moving:
-                    s_next = state_index(process, world, i)
-                    best, value = largest(q[k, i, s_next])
-                    if double_q:
-                        # the other table values the action that this one picks
-                        value = q[1 - k, i, s_next, best]
-                    # Eq. (7) over the steps of the move
-                    q[k, i, s, a] += eta * (earned[i] + discount[i] * value - q[k, i, s, a])
-                else:
-                    # Eq. (7) in a terminal state
-                    q[k, i, s, a] += eta * (earned[i] - q[k, i, s, a])
-                # end moves
+                    s_next, share = state_index(process, world, i), discount[i]
+                    action[i] = best_action(learning, q, i, s_next)
+                    if ahead:
+                        action[i] = explored(action[i], threshold, random)
+                # Eq. (7) over the steps of the move
+                correct(learning.rule, q, i, s, a, earned[i], share, s_next, action[i], eta, coin)
         path_cells = moves + (SQRT_2 - 1.0) * diagonal
         log_episode(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)
     return decisions
@@ -137,12 +122,15 @@ def _discounts(process: Process, model: MoveModel, gamma: np.float32) -> np.ndar
     return (float(gamma) ** (steps * share)).astype(np.float32)
 
 
+_loop = loop_of(_run_episodes)
+
+
 def advance_moves(
     process: Process, model: MoveModel, learning: Learning, state: TrainingState, until: int
 ) -> None:
     """Train a state up to episode `until` over moves that last, in place."""
     discounts = _discounts(process, model, learning.gamma)
-    state.agent_steps += _run_episodes(
+    state.agent_steps += _loop(learning)(
         process, model, learning, *state.arrays, state.episode, until, discounts
     )
     state.episode = until

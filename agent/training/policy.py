@@ -10,7 +10,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self, get_args
+from typing import Any, Self
 
 import msgspec
 import numpy as np
@@ -26,7 +26,7 @@ from agent.moves.model import ObservedMoves
 from agent.moves.pair import UNREACHABLE, PairTimes, pair_values, solve_pair
 from agent.moves.times import Board, at_start, board_of, least_times, numbered
 from agent.training.learning import VERSION
-from agent.training.settings import LearningConfig, MethodName
+from agent.training.settings import LearningConfig
 from cosim.base.errors import FileError, UserError
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, parsing, read_arrays
@@ -115,7 +115,7 @@ class Policy(GreedyPolicy):
 
     kind = "table"
     config: PolicyConfig
-    q: np.ndarray  # (tables, N, states, 8) float32, Q tables, see `LearningConfig.tables`
+    q: np.ndarray  # (tables, N, states, 8) float32, Q tables, see `agent.training.methods.Method`
     visits: np.ndarray  # (N, states) uint32, decisions made in each state; 1 each if computed
     random: np.ndarray  # (1,) uint64, generator state after training
     episodes: int = 0  # trained
@@ -148,9 +148,12 @@ class Policy(GreedyPolicy):
 
     def fits(self) -> bool:
         """See `GreedyPolicy.fits`."""
-        built_in = self.config.method in get_args(MethodName)
-        tables = self.config.learning.tables if built_in else max(1, len(self.q))
-        shape = (tables, self.config.scenario.robots, self.process.state_count, DIRECTION_COUNT)
+        shape = (
+            max(1, len(self.q)),
+            self.config.scenario.robots,
+            self.process.state_count,
+            DIRECTION_COUNT,
+        )
         return (
             (self.q.shape, self.q.dtype) == (shape, np.float32)
             and (self.visits.shape, self.visits.dtype) == (shape[1:3], np.uint32)

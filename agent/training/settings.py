@@ -17,9 +17,8 @@ from cosim.base.errors import UserError
 from cosim.base.reading import Kind, naming, read_toml
 
 # Those of `agent.training.methods.METHODS` that are not a user's.
-MethodName = Literal["paper", "moves", "shortest", "fastest", "planned"]
+MethodName = Literal["paper", "double_q", "moves", "shortest", "fastest", "planned"]
 COMPARED: tuple[MethodName, ...] = ("moves", "paper")  # in studies of transfer and robustness
-Algorithm = Literal["q", "double_q"]
 MAX_POINTS = 10**7
 _Rate = Annotated[float, msgspec.Meta(gt=0, le=1)]
 
@@ -47,8 +46,6 @@ class LearningConfig:
     """Share of the episodes with exploration; epsilon is 0 afterwards (Section V)."""
     schedule: Literal["geometric", "linear"] = "geometric"
     """Reduction by the factor (assumed), or linear to 0 at the end of exploration."""
-    algorithm: Algorithm = "q"
-    """Q-learning of Eq. (7), or double Q-learning (two tables per robot)."""
     log_episodes: Count = 1000
     """Episodes between two points of the learning curves."""
     log_window: Count = 100
@@ -79,11 +76,6 @@ class LearningConfig:
                 f"learning: log_episodes = {self.log_episodes} makes more than {MAX_POINTS} points "
                 "of the learning curves; make it larger"
             )
-
-    @property
-    def tables(self) -> int:
-        """Tables per robot; a user's rule has its own number (`agent.training.methods.learner`)."""
-        return 2 if self.algorithm == "double_q" else 1
 
     @property
     def block(self) -> int:

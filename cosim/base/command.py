@@ -66,7 +66,7 @@ NewFolder = Annotated[
     ),
 ]
 MethodName = Annotated[
-    str, tyro.conf.arg(metavar="{paper,moves,shortest,fastest,planned,MODULE:NAME}")
+    str, tyro.conf.arg(metavar="{paper,double_q,moves,shortest,fastest,planned,MODULE:NAME}")
 ]
 ScenarioName = Annotated[
     str,

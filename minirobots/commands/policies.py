@@ -253,6 +253,8 @@ class Study(Command):
     out: opt.Folder | None = None
     """Folder of the tables (study.json, .md, .parquet, .png, episodes.parquet) and results; by
     default that of the file, or runs/ and its name."""
+    trainings: opt.Count | None = None
+    """Trainings of each method that learns; by default the number in the file, or 1."""
     quantity: str = "success"
     """Quantity of the plot: success, collision, out_of_board, timeout, path_length_cm,
     rotation_deg, path_ratio_to_grid, min_distance_cm, sim_time_s or energy_j."""
@@ -269,6 +271,8 @@ class Study(Command):
             "out", arguments.get("out", Path("runs") / self.file.stem), Path
         )
         work = {"out": out, "budget_minutes": self.budget_minutes, "progress": progress}
+        if self.trainings is not None:
+            work["trainings"] = self.trainings
         table = study(**{**arguments, **vars(self.where), **work})
         if self.quantity != "success":
             table.write(out / "study.png", self.quantity)

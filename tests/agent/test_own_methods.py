@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,12 @@ from hypothesis.extra.numpy import arrays
 
 import minirobots as mr
 from agent.mdp.config import ProcessConfig
+from agent.training.learning import build_learning
 from agent.training.loop import learn
 from agent.training.methods import METHODS, computed, find_method, learner
 from agent.training.policy import Policy
-from agent.training.qlearning import _drawn, compiled_rule
+from agent.training.qlearning import best_action
+from agent.training.rules import compiled
 from agent.training.runs import policy_paths
 from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
@@ -164,9 +167,8 @@ def test_a_method_of_a_built_in_name_is_not_found_for_that():
 @given(q=arrays(np.float32, st.tuples(st.integers(1, 3), st.just(1), st.just(1), st.just(8)),
                 elements=st.integers(-3, 3).map(float)))  # fmt: skip
 def test_robots_act_by_the_sum_of_all_tables(q):
-    random = np.zeros(1, np.uint64)
-    chosen = _drawn(q, 0, np.uint64(0), np.uint64(0), random)
-    assert chosen == q.sum(axis=0)[0, 0].argmax()
+    learning = build_learning(LearningConfig(), tables=len(q))
+    assert best_action(learning, q, 0, np.uint64(0)) == q.sum(axis=0)[0, 0].argmax()
 
 
 def out_of_bounds(q, s, a, reward, discount, s_next, a_next, eta, coin):
@@ -194,6 +196,24 @@ def raises(q, s, a, reward, discount, s_next, a_next, eta, coin):
 def test_what_goes_wrong_in_a_rule_is_named(rule, message):
     with pytest.raises(UserError, match=message):
         trained(learner(settings=brief)(rule))
+
+
+def counts(q, s, a, reward, discount, s_next, a_next, eta, coin):
+    q[0, s, a] -= 1.0
+    if discount > 0.0:
+        q[1, s_next, a_next] -= 1.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("ahead", [True, False])
+def test_a_rule_gets_the_next_action_of_its_robot_or_the_greedy_one(ahead):
+    """Actions that were announced are those that are done, but for the first of an episode."""
+    lone = replace(NEAR, targets=NEAR.targets[:1], starts=NEAR.starts[:1])
+    method = learner(tables=2, ahead=ahead, settings=brief)(counts)
+    policy: Any = mr.train(lone, method=method, progress=None)
+    first = (policy.q[0] != policy.q[1]).any(axis=2).nonzero()[1]
+    starts = [lone.rows * x + y for x, y in lone.starts[0]]
+    assert (set(first.tolist()) <= {*starts}) == ahead
 
 
 def misspelt(q, s, a, reward, discount, s_next, a_next, eta, coin):
@@ -233,7 +253,7 @@ def deep(q, s, a, reward, discount, s_next, a_next, eta, coin):
 )
 def test_a_rule_that_cannot_be_compiled_is_named_on_one_line(rule, message):
     with pytest.raises(UserError, match=message) as raised:
-        compiled_rule(rule.__name__, rule)
+        compiled(rule.__name__, rule)
     assert f"rule {rule.__name__}" in str(raised.value)
     assert len(str(raised.value)) < 400
     assert not {"\n", "\x1b"} & {*str(raised.value)}
@@ -241,10 +261,6 @@ def test_a_rule_that_cannot_be_compiled_is_named_on_one_line(rule, message):
 
 def sarsa(q, s, a, reward, discount, s_next, a_next, eta, coin):
     q[0, s, a] += eta * (reward + discount * q[0, s_next, a_next] - q[0, s, a])
-
-
-def double(_):
-    return ProcessConfig(), LearningConfig(episodes=50, algorithm="double_q")
 
 
 def on_moves(_):
@@ -261,7 +277,7 @@ def on_moves(_):
         ({"settings": lambda _: None}, "settings of method .*:sarsa returned None; expected"),
         ({"settings": lambda _: (1, 2)}, r"returned \(1, 2\); expected a ProcessConfig"),
         ({"settings": lambda _: {}["a"]}, r"settings of method .* failed \(KeyError: 'a'\)"),
-        ({"settings": double}, r"algorithm = double_q has no effect on the rule .* tables to"),
+        ({"ahead": 1}, "learner: ahead = 1 is invalid"),
         ({"settings": on_moves}, r"clearance_m = 0\.01 has no effect in training on the grid"),
     ],
 )

@@ -8,7 +8,10 @@ from agent.evaluation.statistics import (
     interquartile_mean,
     interval_text,
     mean_intervals,
+    paired_difference,
+    paired_test,
     rate,
+    rate_over_trainings,
     summarise,
 )
 
@@ -42,6 +45,45 @@ def test_interval_of_curves_is_that_of_each_point():
         s = summarise(curves[:, k])
         assert (s.low, s.high) == (low[k], high[k])
     assert np.isnan([low[4], high[4]]).all()
+
+
+def within(value: float, of: Interval) -> bool:
+    assert of.low is not None
+    assert of.high is not None
+    return of.low <= value <= of.high
+
+
+def drawn(rng, trainings, starts, effects):
+    """Successes of trainings that differ, from starts that do."""
+    odds = 2.0 + rng.normal(size=(trainings, 1)) + effects[:starts]
+    return rng.random((trainings, starts)) < 1.0 / (1.0 + np.exp(-odds))
+
+
+def test_intervals_over_trainings_and_of_paired_differences_cover():
+    """Those of all episodes alone would cover in 30 of 40."""
+    rng = np.random.default_rng(5)
+    true = drawn(rng, 4000, 500, rng.normal(size=500)).mean()
+    covers = zero = 0
+    for _ in range(40):
+        effects = rng.normal(size=15)
+        first, second = (drawn(rng, n, 15, effects) for n in (8, 5))
+        covers += within(true, rate_over_trainings(first))
+        zero += within(0.0, paired_difference(first, second))
+    assert min(covers, zero) >= 37
+
+
+def test_what_is_paired_is_tested_as_paired():
+    first = np.arange(20) < 18
+    second = np.arange(20) < 10
+    pairs = first[None], second[None]
+    difference = paired_difference(*pairs)
+    assert difference.mean == pytest.approx(0.4)
+    assert not within(0.15, difference)
+    assert paired_test(first, second) == pytest.approx(2.0 * 0.5**8)
+    assert paired_test(second, first) == paired_test(first, second)
+    assert paired_test(first, first) == 1.0
+    alike = rate_over_trainings(np.ones((10, 20), bool))
+    assert alike == rate(200, 200)  # a bootstrap would have no spread
 
 
 @pytest.mark.parametrize("runs", [2, 5, 20])

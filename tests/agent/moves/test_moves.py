@@ -266,11 +266,10 @@ def test_double_q_learning_on_moves_is_that_of_a_plain_loop():
     alone = Scenario(
         "alone", "", ((4, 4),), (((0, 0), (1, 3)),), columns=6, rows=6, zone=(0, 0, 0, 0)
     )
-    learning = LearningConfig(
-        episodes=40, eta=0.5, greedy_points=0, exploration=1.0, algorithm="double_q"
-    )
+    learning = LearningConfig(episodes=40, eta=0.5, greedy_points=0, exploration=1.0)
     moves = ideal_moves(duration_s=2.5 * RL_STEP_S)
-    config = PolicyConfig(alone, ProcessConfig(features=("x", "y")), learning, Seed(1), moves)
+    features = ProcessConfig(features=("x", "y"))
+    config = PolicyConfig(alone, features, learning, Seed(1), moves, "double_q")
     policy, _ = learn(config)
 
     process, model = build_process(alone, config.process), build_model(moves, 5.0)

@@ -137,7 +137,7 @@ def test_reading_writes_nothing_and_two_writers_lose_nothing(case, tmp_path, cap
 
 def test_a_row_counts_the_beginning_of_its_sample(case):
     """A long episode is still under way, or was lost, while later ones have ended."""
-    none = measures(case, {})
+    none = measures([(case, {})])
     assert none.pop("episodes") == 0
     assert set(none.values()) == {None}
     store, indices = EpisodeStore(), case.rounds(6)

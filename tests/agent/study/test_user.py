@@ -18,7 +18,10 @@ from agent.study.policies import ObjectPolicy, policy_of
 from agent.study.report import Report
 from agent.study.store import EpisodeStore
 from agent.study.user import evaluate, read_study, study
+from agent.training.methods import method_config
 from agent.training.policy import Policy
+from agent.training.settings import LearningConfig
+from agent.training.store import find_or_make
 from cosim.base.errors import UserError
 from cosim.base.provenance import identity_of
 from cosim.model.config import CoSimConfig
@@ -84,7 +87,7 @@ def test_it_resumes(table, out, near_file, monkeypatch):
 def test_files_say_what_the_table_says(table, out):
     text = table.to_markdown().splitlines()
     assert len(text) == 2 + len(table.rows)
-    assert text[2].startswith("| near | near | 0 | 2 | 100.0% [")
+    assert text[2].startswith("| near | near | 0 | – | 2 | 100.0% [")
     assert (out / "study.md").read_text("utf-8").splitlines() == text
     assert len(json.loads((out / "study.json").read_text("utf-8"))["rows"]) == 4
     rows = table.to_pandas()
@@ -101,6 +104,39 @@ def test_files_say_what_the_table_says(table, out):
         table.write(out / "study.xlsx")
     with pytest.raises(UserError, match=r"axis = 'mu' .*; .* noise"):
         table.plot("mu")
+
+
+def test_trainings_of_a_method_are_a_row_that_resumes(tmp_path, monkeypatch):
+    """Its parts are the policies of the seeds, from the same starts; what is no method has one."""
+    brief = {"method": "paper", "learning": {"episodes": 3000, "eta": 0.1}}
+    how: dict[str, Any] = {"seed": 4, "trainings": 3, "time_limit": 40.0, "jobs": 1}
+    how |= {"episodes": 4, "out": tmp_path, "progress": None}
+    table = study({"brief": brief, "stubborn": Named()}, NEAR, **how)
+    row, other = table.rows
+    assert (row.trainings, other.trainings) == (3, None)
+    assert [part.training for part in row.by_training] == [4, 5, 6]
+    assert len({part.digest for part in row.by_training}) == 3
+    assert [list(part.results) for part in row.by_training] == [list(other.results)] * 3
+    settings = replace(LearningConfig(), episodes=3000, eta=0.1)
+    last = find_or_make(method_config("paper", NEAR, 6, learning=settings))[0]
+    alone = evaluate(last, starts=4, seed=4, time_limit=40.0, jobs=1, progress=None)
+    assert alone.digest == row.by_training[2].digest
+    shares: Any = [part.success for part in row.by_training]
+    assert (row.success, row.episodes) == (pytest.approx(np.mean(shares)), 12)
+    assert (row.success_least, row.success_most) == (min(shares), max(shares))
+    assert set(table.to_pandas(episodes=True).training.dropna()) == {4, 5, 6}
+    monkeypatch.setattr(EpisodeStore, "keep", lambda *_: pytest.fail("simulated again"))
+    assert study({"brief": brief, "stubborn": Named()}, NEAR, **how) == table
+    with pytest.raises(UserError, match="trainings = 3 contradicts a claim"):
+        study("paper", NEAR, claim="success > 0.5", **how)
+    for wrong, message in (
+        ({"method": "paper", "eta": 1}, "policy: eta is unknown; choose one of method, process"),
+        ({"method": "paper", "learning": {"etta": 1}}, "policy: learning.etta is unknown"),
+        ({"method": "paper", "learning": 1}, "policy: learning = 1 is invalid"),
+        ({"learning": {}}, "method = '' is unknown"),
+    ):
+        with pytest.raises(UserError, match=message):
+            study({"wrong": wrong}, NEAR, **how)
 
 
 def test_an_object_is_known_by_the_digest_of_its_class_alone(near_policy):

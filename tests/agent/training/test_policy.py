@@ -32,11 +32,11 @@ SMALL = Scenario(
 LEARNING = LearningConfig(episodes=20_000, epsilon_episodes=20, greedy_points=2)
 
 
-@pytest.fixture(params=["q", "double_q"])
+@pytest.fixture(params=["paper", "double_q"])
 def policy(request):
-    learning = replace(LEARNING, algorithm=request.param)
     interpretations = ProcessConfig(features=("x", "y", "d", "g", "b"))
-    return find_or_make(PolicyConfig(SMALL, interpretations, learning, Seed(5)))[0]
+    settings = {"process": interpretations, "learning": LEARNING}
+    return find_or_make(method_config(request.param, SMALL, 5, **settings))[0]
 
 
 def test_acting_on_observations_repeats_the_exact_evaluation(policy):
@@ -97,7 +97,6 @@ def test_robots_of_another_size_and_another_schema_are_refused(saved):
         lambda d: d | {"scenario_digest": "0"},
         lambda d: d | {"process": d["process"] | {"features": ["x"]}},
         lambda d: d | {"process": d["process"] | {"step_limit": "many"}},
-        lambda d: d | {"learning": d["learning"] | {"algorithm": "double_q"}},
         lambda d: d | {"surprise": 1},
         lambda d: {k: v for k, v in d.items() if k != "seed"},
     ],
@@ -205,12 +204,7 @@ def test_a_computed_policy_of_another_scenario_is_not_taken_for_this_ones():
 
 def test_tables_that_are_not_those_of_the_process_are_refused():
     policy, *_ = find_or_make(CONFIG)
-    for q in (
-        policy.q[:, :, :-1],
-        policy.q[:, :1],
-        policy.q.astype(float),
-        np.repeat(policy.q, 2, 0),
-    ):
+    for q in (policy.q[:, :, :-1], policy.q[:, :1], policy.q.astype(float), policy.q[:0]):
         with pytest.raises(UserError, match="of the policy for scenario 2 do not fit"):
             replace(policy, q=q)
     with pytest.raises(UserError, match="do not fit"):

@@ -17,7 +17,9 @@ from agent.training.learning import (
     epsilon_of_episodes,
     initial_state,
 )
-from agent.training.qlearning import advance, largest
+from agent.training.methods import METHODS
+from agent.training.qlearning import advance
+from agent.training.rules import RECORDS, largest
 from agent.training.settings import LearningConfig
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
@@ -31,11 +33,13 @@ def briefly(**options):
     return LearningConfig(**{"exploration": 0.0, "log_episodes": 1, "log_window": 1} | options)
 
 
-def prepared(scenario, config, seed=0, **interpretations):
+def prepared(scenario, config, seed=0, method="paper", **interpretations):
     """The state at the beginning, and what trains it to the end."""
     process = build_process(scenario, ProcessConfig(**interpretations))
-    state = initial_state(process, config, seed)
-    return state, lambda: advance(process, build_learning(config), state, config.episodes)
+    rule, tables = RECORDS[METHODS[method].update], METHODS[method].tables
+    state = initial_state(process, config, seed, tables)
+    learning = build_learning(config, rule, tables)
+    return state, lambda until=config.episodes: advance(process, learning, state, until)
 
 
 def test_splitmix64_gives_its_published_numbers():
@@ -67,10 +71,10 @@ def test_the_greedy_direction_is_the_first_of_the_largest_values(values):
 
 
 def test_one_table_of_double_q_learning_picks_and_the_other_values():
-    config = briefly(episodes=1, eta=0.5, gamma=0.9, algorithm="double_q")
+    config = briefly(episodes=1, eta=0.5, gamma=0.9)
     updated = []
     for seed in range(20):
-        state, learn = prepared(CORRIDOR, config, seed, step_limit=1)
+        state, learn = prepared(CORRIDOR, config, seed, "double_q", step_limit=1)
         state.q[:, 0, 0, 0] = 1.0  # so that greedy drives east
         state.q[0, 0, 1, [0, 3]] = 4.0, 9.0
         state.q[1, 0, 1, [3, 5]] = 2.0, 7.0
@@ -96,9 +100,9 @@ def test_eq_8_is_learnt_and_diagonal_moves_are_longer(action, learnt):
     assert state.curve[0, [PATH_CELLS, STEPS]] == pytest.approx(arrived)
 
 
-@pytest.mark.parametrize("algorithm", ["q", "double_q"])
+@pytest.mark.parametrize("method", ["paper", "double_q"])
 @pytest.mark.parametrize("epsilon", [0.0, 0.4, 1.0])
-def test_robots_explore_with_probability_epsilon(epsilon, algorithm):
+def test_robots_explore_with_probability_epsilon(epsilon, method):
     """Next to its target a robot chooses it with 1 − ε + ε / 8, each other direction with ε / 8.
 
     With γ = 0 and rewards that do not change, a value tells how often its action was tried.
@@ -106,10 +110,9 @@ def test_robots_explore_with_probability_epsilon(epsilon, algorithm):
     zone = (0, 0, 2, 2)
     room = Scenario("room", "", ((2, 1),), (((1, 1),),), columns=3, rows=3, zone=zone)
     config = LearningConfig(
-        episodes=20_000, eta=1e-4, gamma=0.0, epsilon=epsilon, epsilon_decay=1.0, exploration=1.0,
-        algorithm=algorithm,
+        episodes=20_000, eta=1e-4, gamma=0.0, epsilon=epsilon, epsilon_decay=1.0, exploration=1.0
     )  # fmt: skip
-    state, learn = prepared(room, config, goal_reward=10.0, step_limit=1)
+    state, learn = prepared(room, config, 0, method, goal_reward=10.0, step_limit=1)
     start = np.array([1e-3] + [0.0] * 7)  # the goal is the greedy direction from the beginning
     state.q[:] = start
     learn()
@@ -162,14 +165,14 @@ def test_kernel_schedule_is_the_documented_one_in_every_episode(episodes):
 
 
 @pytest.mark.parametrize("name", ["1a", "2"])
-@pytest.mark.parametrize("algorithm", ["q", "double_q"])
-def test_cutting_a_run_into_chunks_changes_no_bit(name, algorithm):
-    process = build_process(find_scenario(name), ProcessConfig(slip_probability=0.1))
-    config = LearningConfig(episodes=3000, epsilon_episodes=10, algorithm=algorithm)
-    states = [initial_state(process, config, seed) for seed in (0, 0, 1)]
-    for state, stops in zip(states, ([3000], [1, 2, 777, 1000, 3000], [3000]), strict=True):
+@pytest.mark.parametrize("method", ["paper", "double_q"])
+def test_cutting_a_run_into_chunks_changes_no_bit(name, method):
+    config, states = LearningConfig(episodes=3000, epsilon_episodes=10), []
+    for seed, stops in ((0, [3000]), (0, [1, 2, 777, 1000, 3000]), (1, [3000])):
+        state, learn = prepared(find_scenario(name), config, seed, method, slip_probability=0.1)
+        states.append(state)
         for until in stops:
-            advance(process, build_learning(config), state, until)
+            learn(until)
     names = ("q", "visits", "random", "curve", "episode", "agent_steps")
     whole, cut, other = ([np.array(getattr(state, n)).tolist() for n in names] for state in states)
     assert whole == cut != other
