@@ -4,6 +4,7 @@ And kernels from what robots see in the dynamics to rows of their tables and gre
 features are those of `agent.mdp.grid`, so that policies act in the dynamics as on the grid.
 """
 
+import logging
 from abc import ABC, abstractmethod
 from dataclasses import fields
 from functools import cached_property
@@ -34,9 +35,12 @@ from cosim.base.errors import UserError
 from cosim.base.jit import kernel
 from cosim.base.storage import json_text, require_suffix, write_arrays, write_json
 from cosim.coupling.rl_step import Decision, Step
+from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import Observation, facing_of
 from cosim.recording.series import PolicyMap
+
+_LOGGER = logging.getLogger(__name__)
 
 
 @kernel
@@ -167,6 +171,17 @@ class GreedyPolicy(ABC):
         if ((found.cells < 0) | (found.cells >= (scenario.columns, scenario.rows))).any():
             raise ValueError(f"cells {found.cells.tolist()} are off the board")
         return found
+
+    def warn_of_machine(self, config: CoSimConfig) -> None:
+        """Warn where it drives another machine than that of the moves it was made with."""
+        moves = self.config.moves
+        if moves is not None and moves.foreign_to(config):
+            _LOGGER.warning(
+                "the policy was made with moves of machine %s, and drives machine %s; make one for "
+                "it, or expect other times",
+                moves.machine,
+                config.preset,
+            )
 
     def require_scenario(self, scenario: Scenario, name: str = "the policy") -> None:
         """Refuse any geometry but that of training."""

@@ -18,6 +18,7 @@ from cosim.base.errors import UserError
 from cosim.base.jit import inlined
 from cosim.base.reading import Kind, parsing, read_json
 from cosim.base.storage import write_whole
+from cosim.model.config import CoSimConfig
 from cosim.model.params import TIMING, Facings
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT, facing_of
@@ -55,6 +56,9 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     through: bool = False  # whether robots drove on at the end of a move until they were asked
     cell_m: float = Scenario.cell_m  # edge of a cell, the unit of lengths
     facings: Facings = 4  # of the machine, see `SteeringParams.facings`
+    # Name of the machine with its motor FMU, and its `CoSimConfig.machine_digest`; empty if unknown
+    machine: str = ""
+    machine_digest: str = ""
 
     @property
     def kinds(self) -> int:
@@ -64,6 +68,10 @@ class ObservedMoves(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def kind_of(self, move: Move) -> int:
         """Return the kind of a move."""
         return move_kind(move.direction, move.heading, self.facings)
+
+    def foreign_to(self, config: CoSimConfig) -> bool:
+        """Return whether they are known to be of another machine, or other motors."""
+        return self.machine_digest not in ("", config.machine_digest)
 
     def save(self, path: Path) -> None:
         """Write as JSON, whole or not at all."""

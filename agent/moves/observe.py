@@ -206,6 +206,8 @@ def observe_moves(
         config.through,
         cell_m,
         config.steering.facings,
+        f"{config.preset} ({fmu.name})",
+        config.machine_digest,
     )
 
 

@@ -12,6 +12,7 @@ import msgspec
 from agent.evaluation.cases import Case, Job, run_jobs
 from agent.evaluation.claims import Claim, JudgedClaim
 from agent.evaluation.rows import Failure, Row, measures, text_of
+from agent.mdp.greedy import GreedyPolicy
 from agent.study.options import Sampling
 from agent.study.policies import is_trained, policy_of
 from agent.study.store import EpisodeStore
@@ -160,6 +161,8 @@ def lines_of(
             require=lambda own, p=policy, name=name: p.require_scenario(own, f"{name}: the policy"),
             calibrate=needs_calibration(policy),
         )
+        if isinstance(policy, GreedyPolicy):
+            policy.warn_of_machine(setup.config)
         case = Case(policy, setup.config, setup.fmu, seed)
         starts = len(case.starts)
         if claim is not None:

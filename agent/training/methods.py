@@ -52,6 +52,7 @@ from cosim.base.arguments import (
 from cosim.base.errors import UserError, failure, shorten
 from cosim.base.progress import Progress, silent
 from cosim.calibration.measuring import calibrated
+from cosim.fmi.motor import with_motor
 from cosim.model.preset import PAPER
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
@@ -358,11 +359,10 @@ def method_config(
     """
     board, _ = options.board(scenario, world)
     method = find_method(best_method(board) if method is None else method)
-    observes = method.through is not None and moves is None
-    if worlds is not None and not (observes and method.compute is None):
+    if worlds is not None and (moves or method.through is None or method.compute is not None):
         raise _without_effect("worlds", method, "it does not learn from moves that it observes")
     if alone:
-        _refuse_without_effect(method, board, scenario, seed, options, world, observes)
+        _refuse_without_effect(method, board, scenario, seed, options, world)
     if method.compute is not None and episodes is not None:
         raise UserError(
             f"method {method.name} is computed, not trained; leave out the number of episodes, or "
@@ -371,14 +371,21 @@ def method_config(
     usual_process, usual_learning = method.settings(board)
     process, learning = process or usual_process, learning or usual_learning
     method.check(board, process)
-    if method.through is not None and moves is None:
+    if method.through is not None:
         machine = options.machine
         fmu = machine.fmu(progress)
-        config = machine.config().sized(board.diameter_m)
-        config = calibrated(config, fmu, progress, slower=True)
-        config = config.merged(DecisionOptions(through=method.through(board)).tree())
-        worlds = None if worlds is None else checked_ranges(worlds, config)
-        moves = cached_moves(config, fmu, progress, worlds, board.cell_m)
+        config = with_motor(machine.config().sized(board.diameter_m), fmu)
+        if moves is None:
+            config = calibrated(config, fmu, progress, slower=True)
+            config = config.merged(DecisionOptions(through=method.through(board)).tree())
+            worlds = None if worlds is None else checked_ranges(worlds, config)
+            moves = cached_moves(config, fmu, progress, worlds, board.cell_m)
+        elif moves.foreign_to(config):
+            raise UserError(
+                f"moves = those of machine {moves.machine} do not fit {config.preset} "
+                f"({fmu.name}), {1e3 * board.diameter_m:g} mm large; give the preset and motor "
+                "options that they were observed with, or observe others with `minirobots moves`"
+            )
     if episodes is not None:
         learning = replace(learning, episodes=episodes)
     own: dict[str, Any] = {}
@@ -394,19 +401,18 @@ def _refuse_without_effect(
     seed: int,
     options: Physics,
     world: AnyWorld,
-    observes: bool,
 ) -> None:
     """Refuse what a user gives for a policy alone and does not change it; see `method_config`."""
-    none = "it observes no moves here; moves, fastest and planned do"
+    none = "it uses no moves; moves, fastest and planned do"
     same = board == find_in_world(scenario, world)[0]  # as of the paper's machine
     if seed and method.compute is not None:
         raise _without_effect("seed", method, "it is computed, and nothing is drawn")
     if world is not None and board == options.board(scenario)[0]:
         raise _without_effect("world", method, "a policy learns its obstacles, and it has none")
-    if options.preset != PAPER and same and not observes:
+    if options.preset != PAPER and same and method.through is None:
         raise _without_effect("preset", method, f"robots have the same size, and {none}")
     for name in ("motor_fmu", "motor_parameters"):
-        if getattr(options, name) and not observes:
+        if getattr(options, name) and method.through is None:
             raise _without_effect(name, method, none)
 
 

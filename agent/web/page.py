@@ -102,6 +102,7 @@ def write_page(
         progress=progress,
     )
     setups = {name: resolve(options, scenario, progress, world=files[name]) for name in files}
+    playing.warn_of_machine(setups["own"].config)
     with under_way(progress, "compiling the episode"):
         data = [_world(name, playing, setup, seed) for name, setup in setups.items()]
     write_whole(out, _html(playing, setups["own"], data, seed))

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import msgspec
 
 from cosim.base.arguments import ConfigError, validate_fields
+from cosim.base.provenance import digest_of
 from cosim.model import params
 from cosim.model.scenario import Scenario
 from cosim.model.world import IDEAL, Tree, World, parameter_name, tree_of
@@ -324,6 +325,12 @@ class CoSimConfig:
     def top_speed_rad_s(self) -> float:
         """Largest set point of any motor."""
         return max(self.top_speeds_rad_s)
+
+    @property
+    def machine_digest(self) -> str:
+        """Hash (16 hex digits) of the machine and its motors; not of the friction of the floor."""
+        own = self.robot._replace(mu=0.0), self.motor, self.motor_parameters, self.motor_fmu
+        return digest_of(*own)
 
     @property
     def commanded(self) -> "CoSimConfig":

@@ -76,6 +76,8 @@ def simulate(
     require = getattr(policy, "require_scenario", None)
     how = {"world": world, "require": require, "calibrate": needs_calibration(policy)}
     scenario, config, fmu = resolve(driving, scenario, report, **how)
+    if warn := getattr(policy, "warn_of_machine", None):
+        warn(config)
     config = with_bursts(config, record)
     driver = chosen_driver(chosen.driver, fmu, config)
     starts, noise_seed = draw_episode(scenario, seed, 0)

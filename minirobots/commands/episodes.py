@@ -139,6 +139,7 @@ class Run(Command):
         driver = chosen_driver(self.physics.driver, fmu, setup.config)
         with compiling_ahead(scenario.robots, driver, self.episodes, threads):
             policy, log = self._policy(scenario, progress)
+        policy.warn_of_machine(config)
         achieved = None if log is None else learnt(policy.config, log)
         if achieved is not None and not achieved.suffices:  # before episodes that take long
             _LOGGER.warning("training: %s", achieved)
