@@ -231,15 +231,6 @@ OF_POLICIES = (
     *MEASURES[3:],
 )
 OF_METHODS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
-OF_WORLDS = (
-    option_column("axis", "not ideal"),
-    option_column("value"),
-    METHOD,
-    SHIELD,
-    Column("speed", lambda row: f"{1e3 * row.drive_speed_m_s:.2f} mm/s"),
-    *OUTCOMES,
-    *MEASURES,
-)
 
 
 def columns_of(rows: Iterable[Row], axes: Iterable[str]) -> Columns:

@@ -23,6 +23,7 @@ from cosim.base.progress import Progress, silent
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
+from cosim.model.world import World
 from cosim.simulation.driving import needs_calibration, options_for
 from cosim.simulation.options import options_of, resolve
 from cosim.simulation.result import EpisodeResult
@@ -116,7 +117,8 @@ def lines_of(
     Args:
         policies: by name, what `policy_of` takes.
         scenarios: None for that of every policy.
-        given: `world` and options of `minirobots run`; a list is an axis.
+        given: `world` and options of `minirobots run`; a list is an axis, as are worlds by names
+            that no field of a world has.
         seed: of training, of samples of starts and of what episodes draw.
         count: episodes of a row, None for one from every start. Where there are fewer starts, all,
             or with a claim these again, each time with other noise.
@@ -124,6 +126,10 @@ def lines_of(
         trainings: of methods that learn, with the seeds from `seed` on.
     """
     given = {name: to_plain(name, value) for name, value in given.items()}
+    worlds: dict[Any, Any] = {}
+    if isinstance(of := given.get("world"), Mapping) and not {*of} & {*World.__struct_fields__}:
+        worlds = dict(of)
+        given["world"] = list(worlds) or of
     axes = {name: value for name, value in given.items() if isinstance(value, list)}
     if not (policies and scenarios and all(axes.values())):
         raise ConfigError("policies, scenarios and every axis need at least one value each")
@@ -146,6 +152,7 @@ def lines_of(
         chosen = dict(zip(axes, values, strict=True))
         physics = {"world": None, **given, **chosen}
         world = physics.pop("world")
+        world = worlds[world] if worlds else world
         options = options_of("study", physics, *_OF_STUDY)
         only = None if board is None else options.board(board, world)[0]
         key = name, only, str(options.machine), training

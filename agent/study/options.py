@@ -2,23 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated
 
 import tyro
 from msgspec import Meta
 
 from agent.training.settings import COMPARED, MethodName
-from cosim.base.arguments import ConfigError, require_one_of
-from cosim.base.command import BudgetMinutes, Checked, Count, File, Folder, Seed
+from cosim.base.arguments import ConfigError
+from cosim.base.command import BudgetMinutes, Checked, Count, Folder, Seed
 from cosim.base.jobs import THREADS, Where
-from cosim.model.scenario_file import PAPER, ROUGH, find_scenario
-
-# What is not ideal in rows of the robustness table, the most important ones first.
-Axis = Literal[
-    "everything", "nothing", "friction", "patches", "motors", "rate", "delay", "noise", "dropout",
-    "restitution", "payload", "tilt",
-]  # fmt: skip
-AXES: tuple[Axis, ...] = get_args(Axis)
+from cosim.model.scenario_file import PAPER, find_scenario
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,19 +44,13 @@ class Sampling(Work):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ComparisonOptions(Work):
-    """How methods are compared."""
+class TransferOptions(Work):
+    """How methods are compared in the dynamics."""
 
     quick: bool = False
     """Short trial: two episodes in every row, instead of 50, 200 or all starts."""
     methods: tuple[MethodName, ...] = COMPARED
     """Methods to measure; see `minirobots run --help`."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TransferOptions(ComparisonOptions):
-    """How methods are compared in the dynamics."""
-
     out: Folder = Path("runs/transfer")
     """Folder of the table (transfer.json, transfer.md), policies and results."""
     scenarios: tuple[str, ...] = tuple(PAPER)
@@ -76,30 +63,3 @@ class TransferOptions(ComparisonOptions):
         names = [find_scenario(name, ideal=True).name for name in self.scenarios]
         if len(set(names)) < len(names):
             raise ConfigError("--scenarios has two of one name; leave one out, or rename it")
-
-
-@dataclass(frozen=True, kw_only=True)
-class RobustnessOptions(ComparisonOptions):
-    """How methods are compared in worlds that are not ideal."""
-
-    out: Folder = Path("runs/robustness")
-    """Folder of the table (robustness.json, .md, .png), policies and results."""
-    episodes: Count | None = None
-    """Episodes of every row, 50 by default."""
-    scenario: str = "4"
-    """Built-in scenario or a scenario file (.toml)."""
-    world: File = ROUGH
-    """World with all deviations (.toml with a table [world]), by default that of
-    docs/methods.md."""
-    axes: tuple[Axis, ...] = AXES
-    """Deviations from the ideal to measure, one at a time, and everything."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.quick and self.episodes is not None:
-            raise ConfigError("--episodes contradicts --quick; leave out one of them")
-        if not self.axes or not self.methods:
-            raise ConfigError("--axes and --methods need at least one each")
-        for method in self.methods:
-            require_one_of("--methods", method, COMPARED)
-        find_scenario(self.scenario, ideal=True)

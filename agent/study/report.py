@@ -121,7 +121,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
             case ".parquet":
                 write_parquet(path, rows)
             case ".png":
-                from cosim.base.colours import save_figure  # noqa: PLC0415 - slow to import
+                from cosim.base.plotting import save_figure  # noqa: PLC0415 - slow to import
 
                 save_figure(self.plot(quantity=quantity), path, dpi=150)
             case _:

@@ -1,36 +1,30 @@
-"""Studies of this project: of policies, and of methods in the dynamics and in other worlds.
+"""Studies of this project: of policies, and of methods in the dynamics.
 
-The command lines are `minirobots evaluate`, `transfer` and `robustness`; see docs/methods.md.
+The command lines are `minirobots evaluate` and `transfer`; see docs/methods.md.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from itertools import product
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 import msgspec
 
 from agent.evaluation.claims import claim_of
-from agent.evaluation.rows import OF_METHODS, OF_POLICIES, OF_WORLDS, Row
+from agent.evaluation.rows import OF_METHODS, OF_POLICIES, Row
 from agent.evaluation.statistics import Interval, interval_text
 from agent.study.engine import Line, lines_of, measure
 from agent.study.grid import policy_files, show_failures
-from agent.study.options import AXES, RobustnessOptions, Sampling, TransferOptions
+from agent.study.options import Sampling, TransferOptions
 from agent.study.policies import name_of, policy_of
 from agent.study.report import Report
 from agent.study.store import EpisodeStore
 from agent.training.methods import METHODS
-from agent.training.settings import COMPARED
-from cosim.base.arguments import validate_argument
 from cosim.base.jobs import until
 from cosim.base.progress import Progress, silent
-from cosim.base.reading import Kind, read_toml
 from cosim.base.table import write_report
 from cosim.model.params import TABLE_I
 from cosim.model.scenario import Scenario
-from cosim.model.scenario_file import ROUGH, find_scenario, read_world
-from cosim.model.world import World
+from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import SimulationOptions
 
 STARTS = 50
@@ -38,7 +32,6 @@ MUS = (TABLE_I.mu, 0.1, 0.2)  # most important first
 _DETAILED = "moves"  # method with rows of every friction coefficient, and with goals
 # Episodes of a pair in rows of that method at the default friction, and of other rows.
 _MANY, _SOME, QUICK_EPISODES = 200, 50, 2
-_WORLDS = Path(__file__).with_name("robustness.toml")
 Verdict = Literal["does not hold", "not decided", "holds"]
 _VERDICTS = get_args(Verdict)  # the worst first
 # Goals of the best method: what is measured, with the shield or without, whether more (1) or less
@@ -168,9 +161,7 @@ def transfer(how: TransferOptions, progress: Progress = silent) -> TransferRepor
     return report
 
 
-def _trained(
-    method: str, board: Scenario, how: TransferOptions | RobustnessOptions, progress: Progress
-) -> Any:
+def _trained(method: str, board: Scenario, how: TransferOptions, progress: Progress) -> Any:
     """Return the policy of a method for a board, which is kept in the folder of a study, too."""
     policy = policy_of(method, board, seed=how.seed, progress=progress)
     policy.save(how.out / "policies" / f"{board.name}-{method}.npz")
@@ -204,65 +195,3 @@ def goals(best: Iterable[Row]) -> Iterator[Goal]:
         found: Any = dict(zip(("worst", "low", "high"), row.interval(measured), strict=True))
         found |= {"scenario": row.scenario, "mu": row.mu}
         yield Goal(goal=goal, limit=limit, verdict=verdict, **found)
-
-
-class RobustnessReport(Report, frozen=True, kw_only=True):
-    """Content of robustness.json: methods in worlds, with what is not ideal in each."""
-
-    table = OF_WORLDS
-
-
-def robustness(
-    how: RobustnessOptions, world: World, progress: Progress = silent
-) -> RobustnessReport:
-    """Simulate the missing rows of the table, write it with its plot and return it.
-
-    In the given world nothing is ideal.
-    """
-    from agent.study.plot import draw_measure  # noqa: PLC0415 - slow to import
-    from cosim.base.colours import save_figure  # noqa: PLC0415
-
-    may_begin, store = until(how.budget_minutes), EpisodeStore(how.out / "results")
-    count = QUICK_EPISODES if how.quick else how.episodes or _SOME
-    board, lines = find_scenario(how.scenario, ideal=True), list[Line]()
-    compared = [method for method in COMPARED if method in how.methods]
-    policies = {method: _trained(method, board, how, progress) for method in compared}
-    measured = [axis for axis in AXES if axis in how.axes]
-    for axis in measured:
-        shield = [False, True] if axis == "everything" else [False]
-        for value, of in worlds_of(axis, board, world):
-            options = {"axis": axis, "value": value, "world": of}
-            given = {"world": of, "shield": shield}
-            found = lines_of(policies, [None], given, how.seed, count, progress)
-            lines += [replace(line, options=options) for line in found]
-    rows = measure(lines, store, how.where, may_begin=may_begin, progress=progress)
-    report = RobustnessReport(rows=rows, axes=("axis", "value", "world"), seed=how.seed)
-    write_report(how.out / "robustness", report, report.to_markdown())
-    figure = draw_measure(
-        {a: [r for r in rows if r.options["axis"] == a and not r.shield] for a in measured},
-        lambda row: row.options["value"],
-        lambda row: row.policy,
-        title=f"scenario {how.scenario}, without the shield; bars: 95 %, Wilson",
-    )
-    save_figure(figure, how.out / "robustness.png", dpi=150)
-    return report
-
-
-def worlds_of(axis: str, scenario: Scenario, everything: World) -> Iterator[tuple[str, World]]:
-    """Return how much is not ideal on an axis, as text, and the world; one has `everything`."""
-    camera = msgspec.to_builtins(read_world(ROUGH).sensor)
-    (left, right), (bottom, top) = (
-        ((0, size // 2 - 1), (size // 2, size - 1)) for size in (scenario.columns, scenario.rows)
-    )
-    quarters = [(x0, y0, x1, y1) for x0, x1 in (left, right) for y0, y1 in (bottom, top)]
-    declared = read_toml(_WORLDS, Kind("study", "install it again"))
-    for value, given in declared[axis].items():
-        if axis == "everything":
-            yield value, everything
-            continue
-        if "sensor" in given:
-            given["sensor"] = camera | given["sensor"]
-        if mus := given.pop("mu_quarters", ()):
-            patches = zip(quarters, (*mus, *reversed(mus)), strict=True)
-            given["mu_patches"] = [{"cells": cells, "mu": mu} for cells, mu in patches]
-        yield value, validate_argument("world", given, World)

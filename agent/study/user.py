@@ -54,7 +54,7 @@ def study(
         episodes: of every row, from a sample of starts that all rows of a scenario share; all
             starts where there are fewer, or with a claim these again, each time with other noise;
             None is one from every start.
-        world: world file, record or dict of its fields, or a list of them.
+        world: world file, record or dict of its fields, or a list of them, or a dict by name.
         progress: receives what is trained and simulated; by default it is shown on stderr if the
             call takes more than two seconds. None shows nothing.
         options: of a study (`trainings`, `claim`, `confidence`, `seed`, `out`, `jobs`, `backend`,

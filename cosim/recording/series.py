@@ -89,8 +89,8 @@ class Detail(NamedTuple):
 
 DETAILS: dict[Level, Detail] = {
     "summary": Detail(math.inf, math.inf, 0.1, 0.0),
-    # 9 ms are 1.4 motor turns; slow rows meet the ends of RL steps, where bursts begin. Rows of 5 ms
-    # show how a speed loop settles, and weigh a fifth of those of every control period.
+    # 9 ms are 1.4 motor turns; slow rows meet the ends of RL steps, where bursts begin. Rows of 5
+    # ms show how a speed loop settles, and weigh a fifth of those of every control period.
     "default": Detail(0.005, 0.025, 0.025, 0.009, between_s=6.0),
     "full": Detail(0.001, 0.001, 0.001, 0.05, full=True),
 }

@@ -26,7 +26,6 @@ COMMANDS = {  # module, class and purpose of every command
     "platform": ("motors", "MovePlatform", "Move the 1-DOF platform of Eq. (1): data of Fig. 3"),
     "replay": ("episodes", "Replay", "Run a recorded episode again and compare every bit"),
     "reproduce": ("paper", "Reproduce", "Reproduce the paper: results, figures and the report"),
-    "robustness": ("policies", "Robustness", "Measure policies in worlds that are not ideal"),
     "run": ("episodes", "Run", "Train, co-simulate and record episodes"),
     "screenshot": ("recordings", "Screenshot", "Save the Rerun viewer's picture of a recording"),
     "study": ("policies", "Study", "A study of your own: policies, scenarios, worlds, options"),

@@ -12,7 +12,7 @@ import tyro
 from agent.experiments.variants import ExperimentOptions
 from agent.mdp.config import ProcessConfig
 from agent.moves.worlds import RANGES, WorldRange, checked_ranges
-from agent.study.options import RobustnessOptions, Sampling, TransferOptions
+from agent.study.options import Sampling, TransferOptions
 from agent.training.settings import LearningConfig, read_settings
 from cosim.base import command as opt
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
@@ -23,7 +23,7 @@ from cosim.base.storage import require_suffix
 from cosim.base.table import show_texts
 from cosim.model.preset import PAPER
 from cosim.model.scenario import Scenario
-from cosim.model.scenario_file import find_scenario, read_world
+from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import DecisionOptions, Physics, SimulationOptions
 from minirobots.runner import RESUMES, Command, Output
 
@@ -300,27 +300,6 @@ class Transfer(TransferOptions, Command):
 
         report = transfer(self, progress)
         files = f"table in {self.out}/: transfer.json, transfer.md"
-        return Output(report, report.show, files)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Robustness(RobustnessOptions, Command):
-    """Measure how policies succeed in worlds that none of them was trained for.
-
-    Worlds deviate from the ideal in one thing at a time (friction, patches, motors, camera, delay,
-    noise, load, slope, bouncing feet), and in everything at once, then also with the shield. Every
-    episode is kept when it ends: the same command resumes, and with --budget-minutes 0 it starts no
-    episode and writes the table and the plot of existing results. Policies and calibrations that
-    are missing are made first.
-    """
-
-    kept = RESUMES
-
-    def run(self, progress: Progress) -> Output:
-        from agent.study.studies import robustness
-
-        report = robustness(self, read_world(self.world), progress)
-        files = f"table in {self.out}/: robustness.json, robustness.md, robustness.png"
         return Output(report, report.show, files)
 
 

@@ -208,10 +208,6 @@ def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
             ("-m", "minirobots", "evaluate", str(policy), "--starts", "8", "--recordings", "1",
              "--time-limit", "20", "--jobs", "2", "--out", "OUT")
         ),
-        "robustness": Case(
-            ("-m", "minirobots", "robustness", "--quick", "--scenario", "1a", "--methods", "paper",
-             "--axes", "nothing", "tilt", "--jobs", "2", "--out", "OUT")
-        ),
         "study": Case(("-m", "minirobots", "study", str(study), "--jobs", "2", "--out", "OUT")),
         "transfer": Case(
             ("-m", "minirobots", "transfer", "--quick", "--scenarios", "1a", "--methods", "paper",

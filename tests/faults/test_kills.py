@@ -15,10 +15,7 @@ import pytest
 from tests.faults.killing import CACHED, REMADE, Case, Workplace, cases, errors_of
 
 MOMENTS = 12
-ONE_BY_ONE = (
-    "training", "sweep", "evaluation", "transfer", "robustness",
-    "study", "report", "FMU",
-)  # fmt: skip
+ONE_BY_ONE = ("training", "sweep", "evaluation", "transfer", "study", "report", "FMU")
 # Whose results a command reads.
 NEEDED = {"evaluation": "training", "report": "reproduction"}
 PARTIAL = {
@@ -31,7 +28,6 @@ PARTIAL = {
 WRITERS = {
     "evaluate": ("--policy", "shortest", "--scenario", "1a", "--starts", "6", "--recordings", "0"),
     "transfer": ("--quick", "--scenarios", "1a", "--methods", "paper"),
-    "robustness": ("--quick", "--scenario", "1a", "--methods", "paper", "--axes", "nothing"),
 }
 GROWING = {"summary.json", "timings.json", "results.sqlite"}
 ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143}

@@ -8,13 +8,13 @@ import msgspec
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.study.options import RobustnessOptions, Sampling, TransferOptions
-from agent.study.studies import evaluate, robustness, transfer
+from agent.study.options import Sampling, TransferOptions
+from agent.study.studies import evaluate, transfer
 from agent.study.user import study
 from agent.training.runs import Experiment, make_runs
 from agent.training.settings import LearningConfig
 from cosim.base.jobs import Workers
-from cosim.model.scenario_file import ROUGH, find_scenario, read_world
+from cosim.model.scenario_file import find_scenario
 from cosim.simulation.options import SimulationOptions
 from tests.agent.study.test_transfer import BOARD
 from tests.faults.killing import timeless
@@ -26,7 +26,7 @@ def training(out: Path, where: Workers) -> Any:
     return [policy.digest() for policy, _ in runs]
 
 
-NAMES = ("claim", "evaluate", "robustness", "study", "training", "transfer")
+NAMES = ("claim", "evaluate", "study", "training", "transfer")
 
 
 def rows(name: str, out: Path, where: Workers, policy: Path) -> Any:
@@ -36,14 +36,12 @@ def rows(name: str, out: Path, where: Workers, policy: Path) -> Any:
     board.write_text(BOARD)
     physics = SimulationOptions()
     few: Any = {"out": out, "where": where, "methods": ("paper",)}
-    rough: Any = {"scenario": str(board), "axes": ("nothing", "delay"), "episodes": 1}
     work: Any = {"out": out, "backend": where.backend, "address": where.address}
     how = Sampling(out=out, where=where)
     claimed = replace(how, claim="success > 0.5", confidence=0.9)
     found = {
         "claim": lambda: evaluate([policy], physics, claimed, starts=9, recordings=0),
         "evaluate": lambda: evaluate([policy], physics, how, recordings=0),
-        "robustness": lambda: robustness(RobustnessOptions(**few, **rough), read_world(ROUGH)),
         "study": lambda: study(policy, noise=[0.0, 0.05], episodes=2, **work).rows,
         "training": lambda: training(out, where),
         "transfer": lambda: transfer(TransferOptions(scenarios=(str(board),), quick=True, **few)),

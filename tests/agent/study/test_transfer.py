@@ -1,4 +1,4 @@
-"""The tables of transfer and robustness: their rows, worlds and goals, and how they continue."""
+"""The table of transfer: its rows and goals, and how it continues."""
 
 from pathlib import Path
 from typing import Any
@@ -7,15 +7,11 @@ import msgspec
 import pytest
 
 from agent.evaluation.statistics import Interval
-from agent.study import engine
-from agent.study.options import AXES, RobustnessOptions, TransferOptions
-from agent.study.report import Report
+from agent.study.options import TransferOptions
 from agent.study.store import EpisodeStore
-from agent.study.studies import TransferReport, _verdict, goals, robustness, transfer, worlds_of
+from agent.study.studies import TransferReport, _verdict, goals, transfer
 from cosim.base.errors import UserError
-from cosim.model.scenario_file import ROUGH, find_scenario, in_world, read_world
-from cosim.model.world import IDEAL, World
-from minirobots.commands.policies import Evaluate, Robustness, Transfer
+from minirobots.commands.policies import Evaluate, Transfer
 
 BOARD = """
 columns = 14
@@ -39,20 +35,9 @@ def quick_table(board: Path, out: Path, **options) -> TransferReport:
     return transfer(TransferOptions(out=out, **few, **options))
 
 
-def measure_worlds(board: Path, out: Path) -> Report:
-    few: Any = {"scenario": str(board), "methods": ("paper",), "episodes": 1}
-    how = RobustnessOptions(out=out, axes=("nothing", "delay"), **few)
-    return robustness(how, read_world(ROUGH))
-
-
 @pytest.fixture(scope="module")
 def table(board) -> TransferReport:
     return quick_table(board, board.parent / "transfer")
-
-
-@pytest.fixture(scope="module")
-def worlds(board) -> Report:
-    return measure_worlds(board, board.parent / "worlds")
 
 
 @pytest.mark.long
@@ -77,7 +62,7 @@ def test_table_is_written_and_not_made_again(table, board, monkeypatch):
     assert quick_table(board, out) == table
     text = (out / "transfer.md").read_text()
     assert text == table.to_markdown() + "\n"
-    assert "| near | paper | 0.15 | off | 2 | 100.0% [34.2, 100.0] |" in text
+    assert "| near | paper | 0.15 | off | – | 2 | 100.0% [34.2, 100.0] |" in text
     assert (out / "policies" / "near-paper.npz").is_file()
 
 
@@ -122,57 +107,6 @@ def test_a_goal_holds_if_its_interval_does(of, sign, verdict):
     assert _verdict(Interval(*of), sign, 0.99) == verdict
 
 
-def test_the_default_world_is_there_wherever_the_command_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    world = Robustness().world
-    examples = Path(__file__).parents[3] / "docs" / "examples"
-    assert read_world(world) == read_world(examples / "rough.toml")
-    assert "cosim" in {parent.name for parent in world.parents}  # in the wheel
-
-
-def test_every_axis_has_worlds_of_its_own():
-    scenario, rough = find_scenario("4"), read_world(ROUGH)
-    found = [(axis, world) for axis in AXES for _, world in worlds_of(axis, scenario, rough)]
-    assert len({repr(world) for _, world in found}) == len(found)
-    assert [axis for axis, world in found if world == IDEAL] == ["nothing"]
-    assert all(in_world(scenario, world) == scenario for _, world in found)
-
-
-@pytest.mark.long
-def test_rows_are_methods_in_worlds(worlds, board, monkeypatch):
-    assert worlds.complete
-    assert [row.options["axis"] for row in worlds.rows] == ["nothing", *["delay"] * 3]
-    assert len({row.digest for row in worlds.rows}) == len(worlds.rows)
-    for row in worlds.rows:
-        assert row.episodes == 1
-        assert row.success_low < row.success_high
-    out = board.parent / "worlds"
-    assert msgspec.json.decode((out / "robustness.json").read_bytes(), type=Report)
-    text = worlds.to_markdown()
-    assert (out / "robustness.md").read_text() == text + "\n"
-    assert len(text.splitlines()) == 2 + len(worlds.rows)
-    assert (out / "robustness.png").stat().st_size > 10_000
-    monkeypatch.setattr(EpisodeStore, "keep", lambda *_: pytest.fail("simulated again"))
-    assert measure_worlds(board, out) == worlds
-
-
-@pytest.mark.slow
-def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
-    """A world that says no more than one of the axes."""
-    counts = []
-
-    def count(jobs, *_):
-        counts.append(len(jobs))
-        return iter(())
-
-    monkeypatch.setattr(engine, "EPISODES", engine.EPISODES._replace(compute=count))
-    few: Any = {"scenario": str(board), "methods": ("paper",), "episodes": 2}
-    how = RobustnessOptions(out=board.parent / "same", axes=("friction", "everything"), **few)
-    report = robustness(how, World(mu=0.1))
-    assert len(report.rows) > len({row.digest for row in report.rows})
-    assert counts == [2 * len({row.digest for row in report.rows})]
-
-
 @pytest.mark.parametrize(
     ("command", "options", "message"),
     [
@@ -184,13 +118,6 @@ def test_rows_in_one_world_share_their_episodes(board, monkeypatch):
         (Transfer, {"scenarios": ("4", "4")}, "--scenarios has two of one name"),
         (Transfer, {"scenarios": ()}, "at least one each"),
         (Transfer, {"methods": ()}, "at least one each"),
-        (Robustness, {"episodes": 0}, "episodes = 0"),
-        (Robustness, {"seed": -1}, "seed = -1"),
-        (Robustness, {"budget_minutes": -1.0}, "budget_minutes = -1.0 is invalid"),
-        (Robustness, {"quick": True, "episodes": 3}, "--episodes contradicts --quick"),
-        (Robustness, {"methods": ("paper", "fastest")}, "fastest"),
-        (Robustness, {"methods": ()}, "at least one each"),
-        (Robustness, {"axes": ()}, "at least one each"),
     ],
 )
 def test_bad_options_are_refused(command, options, message):

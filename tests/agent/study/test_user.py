@@ -6,6 +6,7 @@ import sqlite3
 import sys
 from dataclasses import fields, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -14,6 +15,7 @@ import pytest
 from pyarrow import parquet
 
 from agent.evaluation.cases import Case
+from agent.study.engine import lines_of
 from agent.study.policies import ObjectPolicy, policy_of
 from agent.study.report import Report
 from agent.study.store import EpisodeStore
@@ -25,7 +27,7 @@ from agent.training.store import find_or_make
 from cosim.base.errors import UserError
 from cosim.base.provenance import identity_of
 from cosim.model.config import CoSimConfig
-from cosim.model.scenario_file import find_scenario
+from cosim.model.scenario_file import find_in_world, find_scenario
 from cosim.model.world import World
 from cosim.simulation.simulate import draw_episode, simulate
 from tests.agent.conftest import NEAR
@@ -216,6 +218,18 @@ def test_an_object_without_digest_is_kept_in_memory_only(tmp_path, caplog):
     assert "in memory only" in caplog.text
     assert not (tmp_path / "results").exists()
     assert (tmp_path / "study.json").exists()
+
+
+def test_worlds_may_have_names():
+    worlds = {"worn": {"motor_spread": 0.1}, "ideal": {}}
+    lines = lines_of({"stubborn": Stubborn()}, [NEAR], {"world": worlds}, 0, 1)
+    assert [line.options["world"] for line in lines] == ["worn", "ideal"]
+    assert [line.case.config.world for line in lines] == [World(motor_spread=0.1), World()]
+    named = read_study(Path("docs/examples/worlds.toml"))["world"]
+    found = [find_in_world("4", world)[1] for world in named.values()]
+    assert len({repr(world) for world in found}) == len(named) > 20
+    with pytest.raises(UserError, match=r"world = 0\.1 is invalid"):
+        study(Stubborn(), NEAR, world={"mue": 0.1}, progress=None)
 
 
 def test_evaluate_returns_rates_failures_and_episodes(near_policy):
