@@ -9,7 +9,7 @@ of the drawn value; `covered` counts intervals of 95 % that have it, of those th
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -56,6 +56,8 @@ GAP_RAD_S = 100.0  # that drawn speeds differ by at least
 class Options(Checked):
     robots: Count = 3
     """Robots of every machine."""
+    engines: tuple[Literal["MuJoCo", "own"], ...] = ("MuJoCo", "own")
+    """What simulates the tracks."""
 
 
 def drawn_speeds(config: CoSimConfig, seed: int, holds: int) -> np.ndarray:
@@ -96,34 +98,46 @@ def observed(
     return SeenTrack(times, seen, sequence[rows])
 
 
+class Identified(NamedTuple):
+    """What is found of one robot, K parameters."""
+
+    error_percent: np.ndarray  # (K,)
+    inside: np.ndarray  # (K,) whether its interval has the value; NaN without an interval
+    doubted: bool
+
+
+def identified(config: CoSimConfig, engine: str, seed: int) -> Identified:
+    """Identify a robot that is drawn around a machine."""
+    own = engine == "own"
+    spreads = np.array([p.spread for p in parameters_of(config.robot)])
+    drawn = DRAWN * np.random.default_rng(seed).standard_normal(len(spreads))
+    truth = usual_values(config.robot) + spreads * drawn
+    truth[-1] = 1e-3 * CAMERA.delay_ms
+    usual = np.array(list(dict.fromkeys(excitation(config))))
+    sequence = drawn_speeds(config, seed, len(usual)) if own else usual
+    noisy = not own or seed % 2 == 0
+    track = observed(ENGINES[engine], truth, seed, config, sequence, noisy=noisy)
+    found = fit(track, simulated_drive(track, config, cached_fmu()))
+    inside = np.abs(found.values - truth) < QUANTILE * found.deviations
+    known = (found.deviations < UNKNOWN * spreads) & (not found.doubts)
+    error_percent = 100.0 * (found.values - truth) / truth
+    return Identified(error_percent, np.where(known, inside, np.nan), bool(found.doubts))
+
+
 def measure(options: Options) -> dict[str, Any]:
     rows = []
     for name, config in MACHINES.items():
         parameters = parameters_of(config.robot)
-        spreads = np.array([p.spread for p in parameters])
         kinds = {
             "mu": [p.name == "mu" for p in parameters],
             "all": [True] * len(parameters),
             "unbalance": [p.name.startswith("motor_") for p in parameters],
         }
-        for engine, simulate in ENGINES.items():
-            errors, covered, doubted, own = [], [], 0, engine == "own"
-            usual = np.array(list(dict.fromkeys(excitation(config))))
-            for seed in range(options.robots):
-                drawn = DRAWN * np.random.default_rng(seed).standard_normal(len(spreads))
-                truth = usual_values(config.robot) + spreads * drawn
-                truth[-1] = 1e-3 * CAMERA.delay_ms
-                sequence = drawn_speeds(config, seed, len(usual)) if own else usual
-                noisy = not own or seed % 2 == 0
-                track = observed(simulate, truth, seed, config, sequence, noisy=noisy)
-                found = fit(track, simulated_drive(track, config, cached_fmu()))
-                errors.append(100.0 * (found.values - truth) / truth)
-                inside = np.abs(found.values - truth) < QUANTILE * found.deviations
-                known = (found.deviations < UNKNOWN * spreads) & (not found.doubts)
-                covered.append(np.where(known, inside, np.nan))
-                doubted += bool(found.doubts)
+        for engine in options.engines:
+            found = [identified(config, engine, seed) for seed in range(options.robots)]
+            errors, covered, doubted = map(np.array, zip(*found, strict=True))
             for kind, which in kinds.items():
-                percent, inside = np.array(errors)[:, which], np.array(covered)[:, which]
+                percent, inside = errors[:, which], covered[:, which]
                 rows.append(
                     {
                         "machine": name,
@@ -133,7 +147,7 @@ def measure(options: Options) -> dict[str, Any]:
                         "rms_percent": float(np.sqrt((percent**2).mean())),
                         "covered": int(np.nansum(inside)),
                         "intervals": int(np.isfinite(inside).sum()),
-                        "doubted": doubted,
+                        "doubted": int(doubted.sum()),
                     }
                 )
     return {"rows": rows}
