@@ -79,7 +79,9 @@ ScenarioName = Annotated[
 PresetName = Annotated[
     str,
     tyro.conf.arg(
-        metavar="NAME|FILE", help="Machine: paper, icra2006, thesis, or a preset file (.toml)."
+        metavar="NAME|FILE",
+        help="Machine: paper (Tables I and II), icra2006, thesis, kilobot, droplet, or a file "
+        "(.toml, see docs/own.md).",
     ),
 ]
 Friction = Annotated[

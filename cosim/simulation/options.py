@@ -26,9 +26,9 @@ class Physics:
     """Robots, motors and clock: what a calibration depends on."""
 
     preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
-    """Machine: paper (Tables I and II), icra2006, thesis, or a file (.toml, see
-    docs/validation.md). What a world says overrides what the machine brings along, and --mu and
-    --noise before both. Robots have the machine's diameter, which no scenario may contradict."""
+    """Machine: paper (Tables I and II), icra2006, thesis, kilobot, droplet, or a file (.toml, see
+    docs/own.md). What a world says overrides what the machine brings along, and --mu and --noise
+    override both. Robots have the machine's diameter, which no scenario may contradict."""
     mu: Amount | None = None
     """Coulomb friction coefficient of the feet on the floor (0.1 to 0.4 in the literature), 0.15 by
     default or as the preset says. Robots that touch each other have mu_robots of the preset."""

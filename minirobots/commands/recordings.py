@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from cosim.base import command as opt
-from cosim.base.errors import UserError
 from cosim.base.progress import Progress, under_way
-from cosim.base.storage import require_suffix
+from cosim.base.storage import PICTURE, require_suffix
 from cosim.base.table import Column, field, show, show_texts
 from minirobots.runner import Command, Output
 
@@ -176,20 +175,17 @@ class Compare(Command):
     out: opt.File | None = None
     """Picture to write (.png, .pdf or .svg); by default none."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.out is not None and self.out.suffix not in {".png", ".pdf", ".svg"}:
-            raise UserError(f"--out {self.out}: name a .png, .pdf or .svg file")
-
     def run(self, progress: Progress) -> Output:
         from analysis.compare import compare, differing, draw
         from cosim.base.plotting import save_figure
         from cosim.recording.reader import read_episode
 
-        a, b = map(read_episode, (self.first, self.second))
-        found = compare(a, b)
-        if self.out is not None:
-            save_figure(draw(a, b, found), self.out, dpi=150)
+        out = self.out and require_suffix(self.out, *PICTURE)
+        with under_way(progress, "comparing"):
+            a, b = map(read_episode, (self.first, self.second))
+            found = compare(a, b)
+        if out:
+            save_figure(draw(a, b, found), out, dpi=150)
         rows = {"outcome": found.outcomes, "simulated s": found.times_s}
         rows |= found.facts | found.parameters
         changed = {name: pair for name, pair in rows.items() if pair[0] != pair[1]}
@@ -199,7 +195,7 @@ class Compare(Command):
             *(differing(*each) for each in found.differences.items()),
             f"{found.signals - len(found.differences)} of {found.signals} signals are equal in "
             "every bit",
-            *([f"picture in {self.out}"] if self.out else []),
+            *([f"picture in {out}"] if out else []),
             failed=bool(found.differences),
         )
 
