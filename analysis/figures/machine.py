@@ -102,7 +102,7 @@ def _motor(axes: Axes, robot: RobotParams, place: np.ndarray, axis: np.ndarray) 
 
 @styled
 def draw_primitives(found: Mapping[str, Primitive], robot: RobotParams) -> Figure:
-    """Draw a machine from above and where its primitives take it in `DRIVEN_S`, but for noise."""
+    """Draw a machine from above and where its primitives take it in `DRIVEN_S` without noise."""
     figure, axes = plt.subplots(figsize=(6.4, 5.4))
     draw_view(axes, robot, ABOVE)
     reach_m = 0.5 * robot.diameter_m

@@ -264,7 +264,7 @@ def options_of(
 
 
 class Setup(NamedTuple):
-    """Everything that determines an episode but for its policy, start cells and seed.
+    """Everything that determines an episode, except for its policy, start cells and seed.
 
     The scenario has the obstacles of its world, the parameters are calibrated.
     """
