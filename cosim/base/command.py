@@ -40,6 +40,7 @@ NotNegative = Annotated[int, Meta(ge=0, le=MAX_SEED - 1)]
 Positive = Annotated[float, Meta(gt=0, le=1e12)]
 Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
+OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
 Seed = Annotated[NotNegative, tyro.conf.arg(help="Seed of everything that is drawn at random.")]
 Jobs = Annotated[

@@ -126,7 +126,7 @@ class KernelLocator:
         return ""
 
     def get_disambiguator(self) -> str:
-        """Return the end of the names of the kernel's files; the function's name stands before it."""
+        """Return how the names of the kernel's files end, after the function's name."""
         return self.name
 
     def files(self) -> list[Path]:

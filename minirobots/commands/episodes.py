@@ -28,7 +28,23 @@ _LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run(Command):
+class OfPolicy(Command):
+    """Base of commands that take a trained policy: as their first word, or as --policy."""
+
+    first: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY.npz")] = None
+    """Trained policy, the same as --policy."""
+    policy: opt.OptionalFile = None
+    """Trained policy to use instead of one that is made, or found in the cache."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.first and self.policy not in (None, self.first):
+            raise ConfigError(f"--policy {self.policy} and {self.first}: name one policy")
+        object.__setattr__(self, "policy", self.first or self.policy)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(OfPolicy):
     """Mini-robots learn to reach their targets, then drive there with motors, mass and friction.
 
     The agents are trained (or found in the cache if this configuration was trained before), and
@@ -60,8 +76,6 @@ class Run(Command):
     """Seed of training: by default 0, so that every --seed uses the same policy, trained once."""
     again: Annotated[bool, tyro.conf.arg(aliases=["--retrain"])] = False
     """Train even if the cache has a policy of this configuration."""
-    policy: opt.File | None = None
-    """Trained policy to use instead of training: a file (policy.npz)."""
     no_record: bool = False
     """Short for --record none."""
     show_config: bool = False
@@ -195,7 +209,7 @@ class Run(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Web(Command):
+class Web(OfPolicy):
     """Write one HTML file in which the robots of a policy drive in any browser, without network.
 
     It computes the co-simulation, by the same code compiled to WebAssembly, for any seed: an
@@ -203,8 +217,6 @@ class Web(Command):
     """
 
     scenario: opt.ScenarioName = "4"
-    policy: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY.npz")] = None
-    """Trained policy; by default one is made, or found in the cache."""
     method: opt.MethodName | None = None
     """Method that makes the policy, as in `minirobots run`, by default that of the scenario."""
     out: opt.File = Path("page.html")
@@ -238,7 +250,7 @@ class Replay(Command):
 
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING.rrd")]
     """Recording of an episode."""
-    policy: opt.File | None = None
+    policy: opt.OptionalFile = None
     """Policy of the run; by default policy.npz in the folder above that of the recording."""
     motor_fmu: opt.MotorFmuFile = None
 

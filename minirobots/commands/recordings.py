@@ -135,7 +135,7 @@ class Export(Command):
     """Recording of an episode (.rrd or .rrd.part)."""
     to: Literal["parquet", "csv"]
     """Format to write."""
-    out: opt.File | None = None
+    out: opt.OptionalFile = None
     """File to write; by default next to the recording, with its name."""
     signals: tuple[str, ...] = ()
     """Signals and states to write, by name or pattern, such as r1/motors/omega or 'r1/*'; all by
@@ -172,7 +172,7 @@ class Compare(Command):
     """Recording of an episode (.rrd or .rrd.part)."""
     second: Annotated[Path, tyro.conf.Positional]
     """Another one."""
-    out: opt.File | None = None
+    out: opt.OptionalFile = None
     """Picture to write (.png, .pdf or .svg); by default none."""
 
     def run(self, progress: Progress) -> Output:
