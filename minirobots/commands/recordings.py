@@ -59,15 +59,10 @@ def _lines(found: "Inspection") -> Iterator[str]:
 
 
 def _show_tables(found: "Inspection", parameters: bool) -> None:
-    from rich.console import Console
-
-    console = Console()
-    if not console.is_terminal:  # a file takes whole lines; a terminal has its own width
-        console = Console(width=150)
     if parameters:
         header = ("parameter", "value", "unit", "meaning", "source")
         rows = [(name, *map(str, row.values())) for name, row in found.parameters.items()]
-        show_texts(header, rows, names=5, title="parameters", console=console)
+        show_texts(header, rows, names=5, title="parameters")
     measures = [field(name, "{:.4g}") for name in ("minimum", "mean", "maximum", "deviation")]
     columns = (
         field("signal"),
@@ -78,7 +73,7 @@ def _show_tables(found: "Inspection", parameters: bool) -> None:
         *measures,
     )
     layout = {"names": 3, "title": "signals", "numbers": len(measures)}
-    show(columns, found.signals, **layout, console=console)
+    show(columns, found.signals, **layout)
     if not any(finding.wrong for finding in found.findings):
         print("nothing looks wrong")
     at = Column("at", lambda row: f"{row.time_s:.2f} s" if row.time_s is not None else "–")
@@ -86,7 +81,7 @@ def _show_tables(found: "Inspection", parameters: bool) -> None:
         rows = [finding for finding in found.findings if finding.wrong == wrong]
         if rows:
             columns = field("kind", heading=title), field("where"), at, field("text", heading="")
-            show(columns, rows, names=4, console=console)
+            show(columns, rows, names=4)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -69,11 +69,17 @@ def assert_curves(axes: Any, variants, prefix: str, name: str) -> None:
 @pytest.mark.parametrize("runs", [2, 6])
 def test_learning_curves(runs):
     variants = {name: variant(f"c = {name}", "4", runs, 7 * k) for k, name in enumerate("ab")}
-    figure: Any = learning.draw_learning_curves(variants)
+    figure: Any = learning.draw_learning_curves(variants, "b")
+    *learnt, differences = figure.axes
+    line, same = (line for line in differences.lines if line.get_label()[0] == "c")
+    a, b = (each.curves("greedy_path_length_cm") for each in variants.values())
+    np.testing.assert_allclose(line.get_ydata(), (a - b).mean(axis=0))
+    np.testing.assert_array_equal(same.get_ydata(), 0.0)
+    assert differences.get_ylabel() == "cm more than c = b"
     panels = [
         (prefix, name) for prefix in ("", "greedy_") for name in ("success", "path_length_cm")
     ]
-    for axes, (prefix, name) in zip(figure.axes, panels, strict=True):
+    for axes, (prefix, name) in zip(learnt, panels, strict=True):
         assert_curves(axes, variants.values(), prefix, name)
         assert ("%" in axes.get_ylabel()) == (name == "success")
         assert axes.get_ylim()[0] > -60.0
@@ -95,7 +101,7 @@ def test_learning_curves_by_scenario(runs):
 def test_bands_end_at_what_is_possible_and_leave_out_points_without_a_run():
     axes: Any = plt.figure().add_subplot()
     rates = np.array([[100.0, 0.0]] * 3 + [[10.0, 90.0], [20.0, 80.0], [30.0, 70.0]])
-    learning.plot_band(axes, np.array([1e6, 2e6]), rates, "x", 100.0)
+    learning.plot_band(axes, np.array([1e6, 2e6]), rates, "x", (0.0, 100.0))
     assert {0.0, 100.0} <= set(axes.collections[0].get_paths()[0].vertices[:, 1])
     assert axes.dataLim.intervaly.tolist() == [0.0, 100.0]
     axes = plt.figure().add_subplot()
