@@ -1,6 +1,7 @@
 """Commands that simulate episodes: a run of them, and one that was recorded, again."""
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,17 +14,29 @@ from cosim.base.arguments import ConfigError
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from cosim.base.table import show_texts
+from cosim.model.config import GIVEN
+from cosim.model.params import STEERING
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
-from cosim.simulation.options import EpisodeOptions, Setup, SimulationOptions, resolve
+from cosim.simulation.options import (
+    EpisodeOptions,
+    Setup,
+    SimulationOptions,
+    declared,
+    differing,
+    resolve,
+)
 from minirobots.runner import Command, Output
 
 if TYPE_CHECKING:
     from agent.mdp.greedy import GreedyPolicy
     from agent.training.loop import TrainingLog
     from agent.training.methods import Method
+    from cosim.model.config import CoSimConfig
     from cosim.model.scenario import Scenario
 
+CALIBRATED = "calibrated"  # source of what follows from the other parameters
+_LISTED = 6  # differences on the console
 _LOGGER = logging.getLogger(__name__)
 
 
@@ -79,8 +92,8 @@ class Run(OfPolicy):
     no_record: bool = False
     """Short for --record none."""
     show_config: bool = False
-    """Print every parameter of the episodes with its unit and source, a line each, and end: no
-    episode is simulated."""
+    """Print every parameter of the episodes with its unit and source, a line each, and end. Nothing
+    is simulated: those of the steering that a calibration finds have their defaults."""
     live: bool = False
     """Send recorded data to a running Rerun viewer too, while the episodes run."""
     spawn: bool = False
@@ -137,13 +150,16 @@ class Run(OfPolicy):
                 f"{more[0]} is of a run of other episodes, and would stay next to the new summary; "
                 "choose another --out, or remove it"
             )
-        if self.policy is None and not self.show_config:  # refused before anything is measured
+        if self.show_config:
+            config = declared(self.physics, self.scenario, progress)
+            leaves = with_bursts(config, record).leaves().values()
+            return Output({leaf.path: leaf.table() for leaf in leaves}, *map(str, leaves))
+        if self.policy is None:  # refused before anything is measured
             board, _ = self.physics.board(self.scenario, self.physics.world)
             self._method(board).check(board)
         scenario, config, fmu = resolve(self.physics, self.scenario, progress)
-        if self.show_config:
-            leaves = with_bursts(config, record).leaves().values()
-            return Output({leaf.path: leaf.table() for leaf in leaves}, *map(str, leaves))
+        if slow := slowed(config):  # before episodes that take long
+            _LOGGER.warning(slow)
         viewer = None
         if self.spawn:
             viewer = spawn_viewer(self.viewer)
@@ -178,6 +194,7 @@ class Run(OfPolicy):
             {"episodes": results, "training": achieved},
             partial(show_texts, (*names, "recording"), rows),
             *([] if achieved is None else [f"training: {achieved}"]),
+            *_differences(config),
             f"results in {out}/: summary.json, policy.npz",
             *(f"open with: {in_shell('rerun')} {path}" for path in first),
             *(["a faster policy: --method fastest --through (docs/methods.md)"] * learnt_on_grid),
@@ -206,6 +223,29 @@ class Run(OfPolicy):
         how = {"options": self.physics, "episodes": self.train_episodes, "progress": progress}
         config = method_config(self._method(scenario), scenario, self.train_seed or 0, **how)
         return find_or_make(config, again=self.again, progress=progress)[:2]
+
+
+def slowed(config: "CoSimConfig") -> str:
+    """Return why robots drive more slowly than by default; nothing if they do not, or are told."""
+    speed_m_s = config.steering.drive_speed_m_s
+    source = config.leaves()["drive_speed_m_s"].quantity.source
+    if speed_m_s >= STEERING.drive_speed_m_s or source == GIVEN:
+        return ""
+    return (
+        f"robots drive {1e3 * speed_m_s:.1f} mm/s, not {1e3 * STEERING.drive_speed_m_s:.1f}: "
+        f"{source.removeprefix('computed: ')} (mu = {config.robot.mu:g}); episodes end after "
+        f"{config.timing.episode_limit_s:g} s at the latest"
+    )
+
+
+def _differences(config: "CoSimConfig") -> Iterator[str]:
+    """Yield what was given in place of the defaults, a line each."""
+    own = [leaf for leaf in differing(config).values() if leaf.quantity.source != CALIBRATED]
+    if own:
+        yield "not the default (summary.json has all):"
+    for leaf in own[:_LISTED]:
+        short = f"{leaf.value:.4g}" if isinstance(leaf.value, float) else leaf.value
+        yield f"  {leaf._replace(value=short)}"
 
 
 @dataclass(frozen=True, kw_only=True)
