@@ -49,6 +49,7 @@ def train(
     world: "AnyWorld" = None,
     again: bool = False,
     progress: Progress | None = automatic,
+    **settings: Any,
 ) -> "GreedyPolicy":
     """Train a policy, or find it in the cache if this configuration was trained before.
 
@@ -56,6 +57,8 @@ def train(
 
     >>> import minirobots as mr
     >>> mr.train("1a", method="paper", episodes=20_000, progress=None)
+    Policy(scenario 1a, 20000 episodes on the grid)
+    >>> mr.train("1a", method="paper", episodes=20_000, gamma=0.95, eta=0.03, progress=None)
     Policy(scenario 1a, 20000 episodes on the grid)
 
     Args:
@@ -78,6 +81,9 @@ def train(
         again: train even if the policy is there.
         progress: receives what is calibrated, observed and trained; by default it is shown on
             stderr if the call takes more than two seconds. None shows nothing.
+        settings: in place of those of the method: fields of `LearningConfig` (`eta`, `gamma`,
+            `epsilon` and so on, of methods that learn) and of `ProcessConfig` (`features`,
+            `approach_coefficient` and so on), as in `minirobots train`.
 
     Returns:
         The policy: `act(observation)`, `save(path)` and what it was trained with, `config`.
@@ -99,12 +105,15 @@ def train(
 
         name = best_method(board) if method is None else method
         chosen = find_method(validate_argument("method", name, str | type(name)))
+        process, learning = chosen.with_settings(board, settings)
         config = method_config(
             chosen,
             scenario,
             validate_argument("seed", seed, Seed),
             options=options,
             world=world,
+            process=process,
+            learning=learning,
             episodes=validate_argument("episodes", episodes, int | None),
             worlds=worlds,
             alone=True,

@@ -13,10 +13,11 @@ import matplotlib.pyplot as plt
 import msgspec
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from agent.training.policy import load_policy
 from analysis.figures.fig05 import draw_board
-from cosim.base.colours import robot_colour
+from cosim.base.colours import BLACK, robot_colour
 from cosim.base.plotting import styled
 from cosim.base.progress import Progress
 from cosim.base.provenance import versions
@@ -164,26 +165,35 @@ def differing(name: str, time_s: float | None) -> str:
 def draw(a: Episode, b: Episode, compared: Comparison) -> Figure:
     """Return a picture of both: paths on the board, and the signals that part first, over time.
 
-    The first one's lines are solid, the second one's dashed.
+    A colour is a robot's in all plots. The first one's lines are solid and its targets filled, the
+    second one's dashed and hollow.
     """
     parted = [n for n, time_s in compared.differences.items() if time_s is not None]
     curves = [name for name in parted if name.startswith("/sim/")][:_CURVES]
-    figure = plt.figure(figsize=(10.0, 4.8))
+    figure = plt.figure(figsize=(10.0, 5.2))
     board, *plots = figure.subplot_mosaic(
         [["board", f"curve {row}"] for row in range(max(1, len(curves)))], width_ratios=(1, 1.2)
     ).values()
     if a.scenario is not None:
         draw_board(board, a.scenario)
+    if b.scenario is not None:
+        for number, target in enumerate(b.scenario.targets):
+            x, y = (100.0 * b.scenario.cell_m * (cell + 0.5) for cell in target)
+            board.plot(x, y, "s", color=robot_colour(number), fillstyle="none", markersize=9)
     for episode, style in zip((a, b), _STYLES, strict=True):
         for number, robot in enumerate(episode.robots):
             path = 100.0 * episode.signals[f"{robot}/position"].values[:, :2]
             board.plot(*path.T, style, color=robot_colour(number), linewidth=1.2)
         for axes, name in zip(plots, curves, strict=False):
             if (signal := episode.signals.get(name)) is not None:
+                colour = robot_colour(episode.robots.index(name.split("/")[2]))
                 values = signal.values.reshape(len(signal.values), -1)
-                axes.plot(signal.time_s, values[:, 0], style, linewidth=0.8)
+                axes.plot(signal.time_s, values[:, 0], style, color=colour, linewidth=0.8)
                 axes.set_title(f"{name.removeprefix('/sim/')} in {signal.unit}", loc="left")
     board.set(ylabel="y in cm", aspect="equal")
     plots[-1].set_xlabel("time in s")
-    board.set_title("solid: first, dashed: second", loc="left")
+    keys = [Line2D([], [], color=BLACK, linestyle=style) for style in _STYLES]
+    legend = figure.legend(keys, compared.recordings, loc="outside upper left")
+    for text in legend.get_texts():
+        text.set_parse_math(False)  # a name of a file
     return figure

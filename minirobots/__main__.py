@@ -1,10 +1,9 @@
 """`minirobots`: all commands under one name, each loaded when it is called."""
 
 import sys
-from typing import Any
 
 from cosim.base.errors import USER_ERROR_STATUS, end_at_interrupt
-from minirobots.commands import COMMANDS, class_of
+from minirobots.commands import COMMANDS
 
 _COMPLETION = "--tyro-print-completion"
 
@@ -19,14 +18,9 @@ def main() -> None:
             print(f"  {command:<15}{purpose}")
         print(f"\nshell completion: minirobots {_COMPLETION} bash, zsh or tcsh")
     elif name.startswith(_COMPLETION):
-        from tyro.extras import SubcommandApp
+        from minirobots.runner import parse_all
 
-        from minirobots.runner import line_of
-
-        app: Any = SubcommandApp()
-        for command in COMMANDS:
-            app.command(line_of(class_of(command)), name=command)
-        app.cli(prog="minirobots", args=sys.argv[1:])
+        parse_all(sys.argv[1:])
     elif name not in COMMANDS:
         choice = ", ".join(COMMANDS)
         print(f"error: minirobots has no command {name}; choose one of {choice}", file=sys.stderr)

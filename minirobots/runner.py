@@ -18,12 +18,13 @@ from typing import Annotated, Any, Generic, Self, TypeVar
 
 import msgspec
 import tyro
+from tyro.extras import SubcommandApp
 
 from cosim.base.command import Checked
 from cosim.base.errors import Terminated, UserError, run_command
 from cosim.base.progress import Progress, progress_bars
 from cosim.base.storage import lock_folder, new_folder
-from minirobots.commands import class_of
+from minirobots.commands import COMMANDS, class_of
 
 FAILED_STATUS = 1
 _CHILD = "MINIROBOTS_ISOLATED"  # in the environment of a child, see `isolate`
@@ -158,8 +159,19 @@ def parse(
             error = error.__context__
         if error is not None:
             raise error from None
+        name = program.rpartition(" ")[2]
+        if "Unrecognized options" in text.getvalue() and name in COMMANDS:
+            parse_all([name, *(arguments or ())])  # ends with what says which command has them
         sys.stderr.write(text.getvalue())
         raise
+
+
+def parse_all(arguments: list[str]) -> None:
+    """Parse a command line with all commands known, for its completion or its errors; then end."""
+    app: Any = SubcommandApp()
+    for command in COMMANDS:
+        app.command(line_of(class_of(command)), name=command)
+    app.cli(prog="minirobots", args=arguments, config=(tyro.conf.FlagCreatePairsOff,))
 
 
 def run_named(name: str) -> None:

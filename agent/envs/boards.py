@@ -384,7 +384,7 @@ def direction_spaces(
 
 
 def board_seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
-    """Return a seed for each board; one for all counts up, None leaves boards as they are."""
+    """Return a seed for each board. A single seed counts up; None leaves a board unchanged."""
     seeds = validate_argument("seed", seed, _Seed | list[_Seed | None] | None)
     if not isinstance(seeds, list):
         seeds = [seeds if seeds is None else seeds + m for m in range(count)]

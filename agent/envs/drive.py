@@ -351,7 +351,7 @@ class DriveEnv(SingleEnv):
     - Options of `reset`: `starts`, [[x, y, heading]] in m and rad, by default anywhere on it;
       `targets`, [[x, y]] in m, by default within `reach` (0.2 m) of the start; `mu`, friction
       coefficient of the floor, for this episode.
-    - Arguments: those of `DriveBoards` but for `count`, and of `View`.
+    - Arguments: those of `DriveBoards` without `count`, and of `View`.
 
     >>> env = DriveEnv(control_interval=0.5)
     >>> start = {"starts": [[0.15, 0.15, 0.0]], "targets": [[0.25, 0.15]]}

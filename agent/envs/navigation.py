@@ -92,7 +92,7 @@ class NavigationEnv(SingleEnv):
       action counts; with `outcome_names`, `outcome_name`, str.
     - Options of `reset`: `starts`, [[column, row]]; in the dynamics also `targets`, likewise,
       and `mu`, friction coefficient of the floor, for this episode.
-    - Arguments: those of `direction_boards` but for `count`, and of `View`.
+    - Arguments: those of `direction_boards` without `count`, and of `View`.
 
     >>> env = NavigationEnv("1a")
     >>> env.reset(seed=0, options={"starts": [[15, 20]]})[0]
@@ -189,7 +189,7 @@ class NavigationParallelEnv(View, ParallelEnv[str, np.ndarray, int]):
       free cell.
     - Options of `reset`: `starts`, [[column, row], …]; in the dynamics also `targets`, likewise,
       and `mu`, friction coefficient of the floor, for this episode.
-    - Arguments: `max_cycles`, limit of steps; those of `direction_boards` but for
+    - Arguments: `max_cycles`, limit of steps; those of `direction_boards` without
       `count` and `max_episode_steps`, and of `View`.
 
     >>> env = NavigationParallelEnv("2")

@@ -18,13 +18,13 @@ from cosim.coupling.rl_step import Step, sampled_of
 from cosim.recording.series import warn_of_size
 from cosim.simulation.batch import chosen_driver
 from cosim.simulation.episode import RunningEpisode
-from cosim.simulation.options import EpisodeOptions, Setup
+from cosim.simulation.options import EpisodeOptions, Setup, differing
 from cosim.simulation.result import EpisodeResult
 from cosim.simulation.simulate import draw_episode, run_facts
 from cosim.simulation.tasks import Record, Task, compile_kernels, simulate_tasks
 
 _SUMMARY = Kind("summary of a run", "choose another --out, or remove it")
-_NO_FACTS = ("parameters", "episodes", "schema_version")  # of recordings
+_NO_FACTS = ("parameters", "differing", "episodes", "schema_version")  # of recordings
 
 
 class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -40,6 +40,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     method: str  # of training, "other" for interpretations of the user's own
     versions: dict[str, str]
     parameters: dict[str, float | bool | str | list[Any]]
+    differing: dict[str, Any] = {}  # those that are not the default, with unit and source
     episodes: tuple[EpisodeResult, ...] = ()
     schema_version: int = 1
 
@@ -74,6 +75,7 @@ def run_episodes(
         train_seed=[seed.entropy, *seed.spawn_key] if seed.spawn_key else seed.entropy,
         method=policy.config.method,
         parameters={name: row["value"] for name, row in config.table().items()},
+        differing={name: leaf.table() for name, leaf in differing(config).items()},
     )
     facts = {k: v for k, v in structs.asdict(summary).items() if k not in _NO_FACTS}
     _refuse_other_results(out, summary, policy)
@@ -127,7 +129,7 @@ def _refuse_other_results(out: Path, summary: RunSummary, policy: GreedyPolicy) 
         return
     both = (read_json(path, _SUMMARY, RunSummary), summary)
     was, now = (msgspec.to_builtins(of.parameters | structs.asdict(of)) for of in both)
-    same = {"parameters", "versions", "episodes"}
+    same = {"parameters", "differing", "versions", "episodes"}
     other = [f"{k} = {v}" for k, v in was.items() if k not in same and v != now.get(k)]
     before = load_policy(out / "policy.npz")
     if (before.config, before.digest()) != (policy.config, policy.digest()):

@@ -78,7 +78,7 @@ def _apart(p: int, p_after: int, q: int, q_after: int, at: np.ndarray) -> float:
 def _index(
     plans: np.ndarray, counts: np.ndarray, since: np.ndarray, j: int, slice_s: float
 ) -> None:
-    """Update which move of robot j is the first that others keep clear of in a slice of time."""
+    """Update the index of the first move of robot j that others still avoid in a slice of time."""
     m = 0
     for piece in range(_SLICES):
         while m < counts[j] and plans[j, m, END] + _EARLIER_S <= piece * slice_s:

@@ -30,6 +30,7 @@ QUANTITIES: dict[str, tuple[str, float]] = {
 Panels = Mapping[str, Sequence[Row]]  # rows of each panel, by its title
 _COLUMNS = 3
 _GROUP = 0.7  # of points side by side, the share of the distance between values
+_ASIDE = 0.25  # of points on an axis of numbers, the share of the least distance between values
 _SHIELD = ", shield"
 _COLOURS = (BLUE, GREEN, PURPLE, VERMILION, ORANGE, SKY, BLACK)
 _LEGEND = 7  # size of its font in points; a letter is about half as wide
@@ -109,11 +110,15 @@ def _draw_panel(
 ) -> None:
     values = list(dict.fromkeys(map(value, rows)))
     numbers = _are_numbers(values)
+    width = _GROUP
+    if numbers:  # on an axis of numbers points stand close to theirs
+        gaps = np.diff(sorted(values))
+        width = _ASIDE * float(gaps.min()) if len(gaps) else 0.0
     of_colours = list(dict.fromkeys(name.removesuffix(_SHIELD) for name in labels))
     for k, (name, label) in enumerate(labels.items()):
         own = [row for row in rows if series(row) == name]
-        shift = _GROUP * ((k + 0.5) / len(labels) - 0.5)
-        places = [value(row) if numbers else values.index(value(row)) + shift for row in own]
+        shift = width * ((k + 0.5) / len(labels) - 0.5)
+        places = [(value(row) if numbers else values.index(value(row))) + shift for row in own]
         colour = _COLOURS[of_colours.index(name.removesuffix(_SHIELD)) % len(_COLOURS)]
         marker, fill = ("s", "white") if name.endswith(_SHIELD) else ("o", colour)
         middle, low, high = _measured(own, quantity)

@@ -13,8 +13,8 @@ moves, again at every decision (`agent.moves.group`).
 
 import importlib
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -102,6 +102,19 @@ class Method:
         tables = build_process(board, process or self.settings(board)[0])
         if self.through is not None:
             optimum.require_paths_alone(tables)
+
+    def with_settings(
+        self, board: Scenario, given: Mapping[str, Any]
+    ) -> tuple[ProcessConfig, LearningConfig]:
+        """Return its settings on a board with some of their fields replaced, by name."""
+        process, learning = self.settings(board)
+        known = [field.name for record in (process, learning) for field in fields(record)]
+        require_names("train: setting ", given, known)
+        learnt = {name: given[name] for name in given if hasattr(learning, name)}
+        if learnt and self.compute is not None:
+            raise _without_effect(min(learnt), self, "it is computed, not trained")
+        others = {name: given[name] for name in given if name not in learnt}
+        return replace(process, **others), replace(learning, **learnt)
 
     @property
     def own(self) -> bool:

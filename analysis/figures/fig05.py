@@ -6,12 +6,14 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Circle, Rectangle
 
 from analysis.figures.style import WIDTH_IN, Drawing
 from cosim.base.colours import GREY, robot_colour
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import AMONG_OBSTACLES, IN_GROUPS, PAPER, find_scenario
+
+_IN_A_ROW = 3  # boards
 
 
 def draw_board(axes: Axes, scenario: Scenario) -> None:
@@ -38,14 +40,39 @@ def draw_board(axes: Axes, scenario: Scenario) -> None:
 
 
 def _draw(scenarios: list[Scenario]) -> Figure:
-    """Draw one board per scenario, in a row."""
-    size = (WIDTH_IN, 0.35 + WIDTH_IN / len(scenarios))
-    figure, grid = plt.subplots(1, len(scenarios), figsize=size, squeeze=False)
-    for axes, scenario in zip(grid[0], scenarios, strict=True):
+    """Draw boards with cell numbers, three in a row, with every robot at one of its starts."""
+    rows = -(-len(scenarios) // _IN_A_ROW)
+    size = (WIDTH_IN, rows * (0.35 + WIDTH_IN / _IN_A_ROW))
+    figure, grid = plt.subplots(rows, _IN_A_ROW, figsize=size, squeeze=False)
+    for axes in grid.flat[len(scenarios) :]:
+        axes.set_axis_off()
+    for axes, scenario in zip(grid.flat, scenarios, strict=False):
         draw_board(axes, scenario)
+        _draw_robots(axes, scenario)
+        for axis, cells in ((axes.xaxis, scenario.columns), (axes.yaxis, scenario.rows)):
+            numbers = range(0, cells, 5)
+            places = [100.0 * scenario.cell_m * (number + 0.5) for number in numbers]
+            axis.set_ticks(places, map(str, numbers), fontsize=7)
+        axes.set(xlabel="column", ylabel="row")
         axes.set_title(scenario.name, loc="left")
-    grid[0, 0].set_ylabel("y in cm")
     return figure
+
+
+def _draw_robots(axes: Axes, scenario: Scenario) -> None:
+    """Draw robots, each whole and at a start of its own, and the cells of their targets."""
+    radius_cm, cell_cm = 50.0 * scenario.diameter_m, 100.0 * scenario.cell_m
+    for robot, (target, cells) in enumerate(zip(scenario.targets, scenario.starts, strict=True)):
+        colour = robot_colour(robot)
+        column, row = cells[len(cells) * (robot + 1) // (scenario.robots + 1)]
+        place = (column + 0.5) * cell_cm, (row + 0.5) * cell_cm
+        axes.add_patch(Circle(place, radius_cm, color=colour, alpha=0.4))
+        axes.text(*place, str(robot + 1), ha="center", va="center", fontsize=8)
+        above = (target[0] + 0.5) * cell_cm, (target[1] + 1.5) * cell_cm
+        axes.text(*above, "{}, {}".format(*target), color=colour, ha="center", fontsize=6)
+    width, height = (100.0 * size for size in scenario.size_m)
+    axes.add_patch(Rectangle((0.0, 0.0), width, height, fill=False))
+    axes.spines[:].set_visible(False)
+    axes.set(xlim=(-radius_cm, width + radius_cm), ylim=(-radius_cm, height + radius_cm))
 
 
 def make(results: Path) -> Drawing:

@@ -26,6 +26,8 @@ POINTS = 200  # drawn per curve; a point is the mean of the learning curve's poi
 # Success rate that counts as learnt.
 LEARNT = 0.99
 OPTIMAL = 1.002  # over the optimum, to be called optimal
+_PAPERS_C = "c1.5"  # the variant of Fig. 10 to which others are compared
+_LONGER_CM = 2.0  # largest difference of paths that is drawn
 LEAST_RUNS = 5  # with fewer, runs are drawn themselves: their interval says nothing
 _SPREAD = "bands: 95 % intervals of the mean over runs; of fewer than five runs: each run, thin"
 _CURVES = (
@@ -83,13 +85,17 @@ def thinned(episodes: np.ndarray, curves: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def plot_band(
-    axes: Axes, episodes: np.ndarray, curves: np.ndarray, label: str, most: float = np.inf
+    axes: Axes,
+    episodes: np.ndarray,
+    curves: np.ndarray,
+    label: str,
+    limits: tuple[float, float] = (0.0, np.inf),
 ) -> None:
     """Mean over runs with its 95 % Student interval, where there is one; few runs as they are.
 
     Args:
         curves: (runs, points), NaN where a run has no value.
-        most: largest possible value; the least is 0.
+        limits: least and largest possible value.
     """
     episodes, curves = thinned(episodes, curves)
     known = np.isfinite(curves).any(axis=0)
@@ -99,7 +105,7 @@ def plot_band(
     if len(curves) < LEAST_RUNS:
         axes.plot(episodes, curves.T, color=colour, alpha=0.5, linewidth=0.5)
         return
-    low, high = mean_intervals(curves).clip(0.0, most)
+    low, high = mean_intervals(curves).clip(*limits)
     axes.fill_between(episodes, low, high, color=colour, alpha=0.25, linewidth=0)
 
 
@@ -107,7 +113,7 @@ def _draw_pair(pair: Any, variant: VariantCurves, prefix: str, label: str) -> No
     """Draw success and path length over episodes on two axes; prefix is "" or "greedy_"."""
     episodes = getattr(variant.logs[0], f"{prefix}episode")
     success = 100.0 * variant.curves(f"{prefix}success")
-    plot_band(pair[0], episodes, success, label, 100.0)
+    plot_band(pair[0], episodes, success, label, (0.0, 100.0))
     plot_band(pair[1], episodes, variant.curves(f"{prefix}path_length_cm"), label)
 
 
@@ -129,23 +135,44 @@ def draw_by_scenario(variants: dict[str, VariantCurves]) -> Figure:
     return figure
 
 
-def draw_learning_curves(variants: dict[str, VariantCurves]) -> Figure:
-    """Success rate and path length over episodes: while exploring, and of the greedy policy."""
-    figure, grid = plt.subplots(2, 2, figsize=(WIDTH_IN, 4.6), sharex=True)
-    rows = (("", "while learning"), ("greedy_", "greedy, all starts"))
-    for axes, (prefix, title) in zip(grid, rows, strict=True):
+def draw_learning_curves(
+    variants: dict[str, VariantCurves], reference: str | None = None
+) -> Figure:
+    """Success rate and path length over episodes: while exploring, and of the greedy policy.
+
+    With a reference, below them: how much longer greedy paths are than those of that variant.
+    """
+    figure = plt.figure(figsize=(WIDTH_IN, 6.4 if reference else 4.6))
+    places: list[Any] = [["", " path"], ["greedy_", "greedy_ path"]]
+    places += [["difference", "difference"]] if reference else []
+    axes = figure.subplot_mosaic(places, sharex=True)
+    for prefix, title in (("", "while learning"), ("greedy_", "greedy, all starts")):
+        pair = axes[prefix], axes[f"{prefix} path"]
         for variant in variants.values():
-            _draw_pair(axes, variant, prefix, variant.label)
-        axes[0].set_title(title, loc="left")
-        axes[0].set(ylabel="success in %", ylim=(-3, 103))
-        axes[1].set_ylabel("path length in cm")
-    for axes in grid[1]:
-        axes.set_xlabel("episodes in millions")
+            _draw_pair(pair, variant, prefix, variant.label)
+        pair[0].set_title(title, loc="left")
+        pair[0].set(ylabel="success in %", ylim=(-3, 103))
+        pair[1].set_ylabel("path length in cm")
+    if reference:
+        _draw_differences(axes["difference"], variants, reference)
+    for name in places[-1]:
+        axes[name].set_xlabel("episodes in millions")
     runs = len(next(iter(variants.values())).logs)
     spread = "thin: each" if runs < LEAST_RUNS else "95 % interval"
-    grid[0, 1].set_title(f"mean of {runs} runs, {spread}", loc="right")
-    grid[0, 0].legend(loc="lower right")
+    axes[" path"].set_title(f"mean of {runs} runs, {spread}", loc="right")
+    axes[""].legend(loc="lower right")
     return figure
+
+
+def _draw_differences(axes: Axes, variants: dict[str, VariantCurves], reference: str) -> None:
+    """Draw by how much greedy paths of variants are longer, run by run, where both arrive."""
+    name, base = "greedy_path_length_cm", variants[reference]
+    for variant in variants.values():
+        longer = variant.curves(name) - base.curves(name)
+        plot_band(axes, base.logs[0].greedy_episode, longer, variant.label, (-np.inf, np.inf))
+    axes.set_ylim(-_LONGER_CM, _LONGER_CM)
+    axes.set_ylabel(f"cm more than {base.label}")
+    axes.set_title("greedy paths, same seeds", loc="left")
 
 
 def fig10(results: Path) -> Drawing:
@@ -153,7 +180,8 @@ def fig10(results: Path) -> Drawing:
     content = read_experiment("fig10", results)
     found, better = _compared(content, "path_length_cm", 1.0, " cm")
     judged = f"difference of paths to those of c = 1.5: {found}", verdict(better)
-    return _learning_figure(content, results, judged, ("path_length_cm", found))
+    draw = partial(draw_learning_curves, reference=_PAPERS_C)
+    return _learning_figure(content, results, judged, ("path_length_cm", found), draw)
 
 
 def sequel(results: Path) -> Drawing:

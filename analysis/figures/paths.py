@@ -7,6 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from agent.evaluation.rows import Row
@@ -16,7 +17,7 @@ from analysis.figures.fig05 import draw_board
 from analysis.figures.style import UNTESTED, WIDTH_IN, Drawing, verdict, verdicts
 from analysis.reading.inspection import path_length_m
 from analysis.reading.results import DRIVEN_BY, RESULTS, episodes_of, read_result, recordings
-from cosim.base.colours import BLACK, VERMILION, robot_colour
+from cosim.base.colours import BLACK, GREY, robot_colour
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.reader import read_episode
@@ -98,15 +99,29 @@ def draw_pairs(tracks: Tracks) -> Figure:
         for track in found:
             first, second = track.positions_m
             apart_cm = 100.0 * np.linalg.norm(first - second, axis=1)
-            distance.plot(track.times_s, apart_cm, STYLES[method], color=BLACK, linewidth=0.8)
+            own: Any = {"label": method if track is found[0] else None, "linewidth": 0.8}
+            distance.plot(track.times_s, apart_cm, STYLES[method], color=BLACK, **own)
     for name, axes in zip(PAIRS, grid[-1], strict=True):
         contact_cm = 100.0 * find_scenario(name).diameter_m
-        axes.axhline(contact_cm, color=VERMILION, linewidth=0.8)
+        axes.axhline(contact_cm, color=GREY, linestyle="--", linewidth=0.8, label="contact")
         axes.set(xlabel="time in s", ylim=(0.0, None))
+    grid[-1, 0].legend(loc="upper right", fontsize=7)
     for axes in grid[:-1, 0]:
         axes.set_ylabel("y in cm")
+        axes.legend(handles=_keys(2), loc="lower left", fontsize=7)
     grid[-1, 0].set_ylabel("distance in cm")
     return figure
+
+
+def _keys(robots: int) -> list[Line2D]:
+    """Return keys of what `draw_tracks` draws of some robots that arrive."""
+    rim: Any = {"linestyle": "", "marker": "o", "fillstyle": "none", "color": BLACK}
+    return [
+        *(Line2D([], [], color=robot_colour(k), label=f"robot {k + 1}") for k in range(robots)),
+        Line2D([], [], marker=".", linestyle="", color=BLACK, label=f"every {MARK_S:g} s"),
+        Line2D([], [], **rim, alpha=0.35, label="start"),
+        Line2D([], [], **rim, alpha=0.8, label="end"),
+    ]
 
 
 def draw_tracks(axes: Axes, scenario: Scenario, tracks: list[Track]) -> None:

@@ -1,7 +1,6 @@
-"""Fig. 2, 4 and 6 as schematics: the platform, the robot from above, the speed loop.
+"""Fig. 2 and 6 as schematics: the platform, and the speed loop.
 
-The robot is drawn to scale from its parameters; signals of the loop have the names of the motor
-FMU's variables. No result is needed, nothing is simulated.
+Signals of the loop have the names of the motor FMU's variables. No result is needed.
 """
 
 import math
@@ -12,10 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
 from analysis.figures.style import WIDTH_IN, Drawing
-from cosim.base.colours import BLACK, BLUE, GREEN, GREY, VERMILION
-from cosim.model.params import TABLE_I, TABLE_II
-from cosim.physics.contact import foot_positions
-from cosim.physics.forces import motor_mounts
+from cosim.base.colours import BLACK, BLUE, GREY, VERMILION
+from cosim.model.params import TABLE_II
 
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
@@ -59,42 +56,6 @@ def fig02(results: Path) -> Drawing:
         "(Table II)."
     )
     return Drawing(figure, (ours,), {"m_kg": TABLE_II.m, "r_m": TABLE_II.r})
-
-
-def fig04(results: Path) -> Drawing:
-    """Draw the robot from above, to scale."""
-    robot = TABLE_I
-    figure, axes = plt.subplots(figsize=(WIDTH_IN / 2, WIDTH_IN / 2))
-    radius = 1e3 * robot.diameter_m / 2.0
-    _blank(axes, (-1.3 * radius, 1.5 * radius), (-1.2 * radius, 1.2 * radius))
-    axes.add_patch(Circle((0, 0), radius, facecolor=GREY, alpha=0.2, edgecolor=BLACK))
-    for (x, y, _), name in zip(1e3 * foot_positions(robot), "ABC", strict=True):
-        axes.add_patch(Circle((x, y), 0.9, color=GREEN))
-        axes.text(0.78 * x, 0.78 * y, name, color=GREEN, ha="center", va="center")
-    length, width = 1e3 * robot.motor_length_m, 1e3 * robot.motor_diameter_m
-    for mount, name in zip(motor_mounts(robot, (TABLE_II, TABLE_II)), "DE", strict=True):
-        y = 1e3 * mount.y
-        inner = y - mount.sin_phi * length
-        axes.add_patch(
-            Rectangle((-width / 2, min(y, inner)), width, length, facecolor=BLUE, alpha=0.4)
-        )
-        axes.plot([0.0], [y], color=BLUE, marker="o", markersize=4)
-        axes.text(3.2, y - 2.5 * mount.sin_phi, name, color=BLUE, va="center")
-        axes.text(-3.2, (y + inner) / 2, f"φ = {90 * mount.sin_phi:.0f}°", ha="right", va="center")
-    for end, name in (((12.0, 0.0), "$x_b$"), ((0.0, 10.0), "$y_b$")):
-        _arrow(axes, (0.0, 0.0), end, BLACK)
-        axes.text(end[0] + 0.6, end[1] + 0.6, name)
-    _arrow(axes, (radius + 2, 0.0), (radius + 9, 0.0), VERMILION)
-    axes.text(radius + 5, -3.0, "forwards", color=VERMILION, ha="center")
-    axes.text(0.0, -radius - 3.0, f"diameter {2 * radius:g} mm", ha="center")
-    ours = (
-        f"Feet on a circle of {1e3 * robot.foot_radius_m:g} mm and eccentric masses "
-        f"{1e3 * robot.motor_radius_m:g} mm from the centre (both assumed; the layout is that of "
-        "Fig. 4b); diameter and size of the motors are those of Table I. The robot drives forwards "
-        "at (ω_D, ω_E) = (−, +)."
-    )
-    radii = {"foot_radius_m": robot.foot_radius_m, "motor_radius_m": robot.motor_radius_m}
-    return Drawing(figure, (ours,), radii)
 
 
 # Blocks of Fig. 6: centre and half width, and what stands in them.

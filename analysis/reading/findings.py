@@ -5,6 +5,7 @@ recording lacks its signals. Nothing is printed here.
 """
 
 import contextlib
+import math
 from collections.abc import Iterator
 from functools import partial
 from itertools import combinations
@@ -23,6 +24,9 @@ REACH = 1.02
 LONG_SATURATION_S = 0.5
 # Eq. (9) calls robots near up to 6 cm for robots of 5 cm: a fifth of a diameter between them.
 NEAR_DIAMETERS = 1.2
+# Policies that succeed take 1.5 to 3 times as long as the longest straight line at driving speed:
+# robots turn, wait and give way.
+SLOW = 4.0
 # A friction force is at its limit µN within this share of it; sticking feet stay below.
 AT_LIMIT = 1e-6
 _FAILURES = {
@@ -52,6 +56,7 @@ def find(episode: Episode) -> list[Finding]:
     of_robots = (_saturation, _slipping, _lift_offs, _given_up, _failures)
     checks = [partial(check, episode, robot) for robot in episode.robots for check in of_robots]
     checks += [partial(_near_misses, episode, *pair) for pair in combinations(episode.robots, 2)]
+    checks.append(partial(_slow, episode))
     found = [*_ending(episode)]
     for check in checks:
         with contextlib.suppress(FileError):  # the recording lacks a signal or a parameter
@@ -68,6 +73,19 @@ def _ending(episode: Episode) -> Iterator[Finding]:
     if episode.outcome not in ("", "success"):
         text = f"the episode ends {at}: {episode.outcome}"
         yield Finding("no success", "episode", text, episode.time_s, {})
+
+
+def _slow(episode: Episode) -> Iterator[Finding]:
+    """Return that robots took much longer than straight lines to their targets take."""
+    targets = episode.facts.get("targets_m", [])
+    starts = (episode.signals[f"/sim/{robot}/position"].values[0, :2] for robot in episode.robots)
+    away_m = [float(np.hypot(*(target - at))) for target, at in zip(targets, starts, strict=False)]
+    straight_s = max(away_m, default=math.inf) / episode.parameter("drive_speed_m_s")
+    if 0.0 < SLOW * straight_s < episode.time_s:
+        times = episode.time_s / straight_s
+        text = f"{episode.time_s:.0f} s are {times:.1f} times what the longest straight line takes"
+        numbers = {"straight_s": straight_s, "times": times}
+        yield Finding("slow", "episode", text, SLOW * straight_s, numbers)
 
 
 def intervals(mask: np.ndarray) -> np.ndarray:

@@ -40,6 +40,7 @@ NotNegative = Annotated[int, Meta(ge=0, le=MAX_SEED - 1)]
 Positive = Annotated[float, Meta(gt=0, le=1e12)]
 Seconds = Annotated[float, tyro.conf.arg(metavar="S")]
 File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
+OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
 Seed = Annotated[NotNegative, tyro.conf.arg(help="Seed of everything that is drawn at random.")]
 Jobs = Annotated[
@@ -79,7 +80,9 @@ ScenarioName = Annotated[
 PresetName = Annotated[
     str,
     tyro.conf.arg(
-        metavar="NAME|FILE", help="Machine: paper, icra2006, thesis, or a preset file (.toml)."
+        metavar="NAME|FILE",
+        help="Machine: paper (Tables I and II), icra2006, thesis, kilobot, droplet, or a file "
+        "(.toml, see docs/own.md).",
     ),
 ]
 Friction = Annotated[

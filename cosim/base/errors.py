@@ -36,7 +36,7 @@ _FIXES = {
     errno.ELOOP: "a symbolic link leads back to itself; correct the link or choose another path",
 }
 _CLONE = Path(__file__).parents[2].joinpath("pyproject.toml").is_file()
-# Control characters but for ends of lines and tabs, bidirectional ones, halves of characters.
+# Control characters except ends of lines and tabs, bidirectional ones, halves of characters.
 _HIDDEN = re.compile(
     "[\0-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )

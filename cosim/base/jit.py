@@ -126,7 +126,7 @@ class KernelLocator:
         return ""
 
     def get_disambiguator(self) -> str:
-        """Return the name of the kernel's files, but for that of the function before it."""
+        """Return how the names of the kernel's files end, after the function's name."""
         return self.name
 
     def files(self) -> list[Path]:

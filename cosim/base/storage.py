@@ -235,11 +235,15 @@ def _folder_of_process() -> "tempfile.TemporaryDirectory[str]":
     return folder
 
 
-def require_suffix(path: Path | str, ending: str) -> Path:
-    """Return the path of a file to write; programs find its kind by its `ending`."""
+PICTURE = ".png", ".pdf", ".svg"  # endings of pictures to write
+
+
+def require_suffix(path: Path | str, *endings: str) -> Path:
+    """Return the path of a file to write; programs find its kind by its ending, one of these."""
     file: Path = validate_argument("path", path, Path)
-    if file.suffix != ending:
-        raise FileError(f"{file}: its name must end in {ending}; choose {file.stem}{ending}")
+    if file.suffix not in endings:
+        choice = f"its name must end in {' or '.join(endings)}"
+        raise FileError(f"{file}: {choice}; choose {file.stem}{endings[0]}")
     return file
 
 

@@ -1,18 +1,17 @@
 """Tables of rows: on a terminal, as Markdown, and as files for programs."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
 from cosim.base.errors import visible
 from cosim.base.storage import replacing, write_json, write_whole
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-_BORDER = 3  # of each column: a line and a space on both sides
+_GAP = 2  # between columns
+_WORD = re.compile(r"\[[^]]*\]|\S+")  # or an interval
 _NAME_WIDTH = 24  # up to which a name stands on one line
 
 
@@ -57,39 +56,63 @@ def show_texts(
     names: int = 1,
     numbers: int = 0,
     title: str | None = None,
-    console: "Console | None" = None,
 ) -> None:
-    """Print a table, or several if the console is too narrow for one: no number is ever cut.
+    """Print a table that fits the console or a pipe of 80 columns; no number is ever cut.
+
+    Cells have several lines where they must. If words alone are too wide, each row becomes a
+    column; if that is too wide too, there are several tables.
 
     Args:
-        names: how many of the first columns name a row: each table has them, and long ones in
-            several lines.
+        names: how many of the first columns name a row: each of several tables has them.
         numbers: how many of the last columns are set flush right.
     """
-    from rich.cells import cell_len  # noqa: PLC0415 - slow to import
+    from rich import box  # noqa: PLC0415 - slow to import
+    from rich.cells import cell_len  # noqa: PLC0415
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
     from rich.text import Text  # noqa: PLC0415
 
-    console, rows = console or Console(), list(rows)
-    columns = list(zip(header, *rows, strict=True))
-    widths = [max(map(cell_len, column)) + _BORDER for column in columns]
-    left = 1 + sum(min(width, _NAME_WIDTH + _BORDER) for width in widths[:names])
-    rest, parts = list(range(names, len(header))), 0
-    while rest or not parts:  # once where all columns are names
-        shown, parts = rest[:1], parts + 1
+    console, columns = Console(), list(zip(header, *rows, strict=True))
+
+    def least(column: Sequence[str], named: bool) -> int:
+        """Width of the longest word or interval, which is cut only in a name."""
+        longest = max(cell_len(word) for cell in column for word in ("", *_WORD.findall(cell)))
+        return min(longest, _NAME_WIDTH) if named else longest
+
+    def wide(columns: Sequence[Sequence[str]]) -> bool:
+        words = sum(least(column, k < names) + _GAP for k, column in enumerate(columns))
+        return words - _GAP > console.width
+
+    if wide(columns) and not wide(turned := list(zip(*columns, strict=True))):
+        columns, names, numbers = turned, 1, 0
+    lowest = [least(column, k < names) for k, column in enumerate(columns)]
+    first, rest = list(range(names)), list(range(names, len(columns)))
+    while rest or first:
+        shown = [*first, *rest[:1]]
         del rest[:1]
-        while rest and left + sum(widths[k] for k in (*shown, rest[0])) <= console.width:
+        while rest and sum(lowest[k] + _GAP for k in (*shown, rest[0])) - _GAP <= console.width:
             shown.append(rest.pop(0))
+        whole = {k: max(map(cell_len, columns[k])) for k in shown}
+        widths = whole.copy()
+        while sum(widths.values()) + _GAP * (len(shown) - 1) > console.width:
+            above = [k for k in shown if widths[k] > lowest[k]] or shown
+            widths[max(above, key=widths.__getitem__)] -= 1
         # What is a `Text` has no markup, which names of files may look like.
-        table = Table(title=None if title is None else Text(title, "table.title"))
-        for k in (*range(names), *shown):
-            justify = "right" if k >= len(header) - numbers else "left"
-            table.add_column(Text(header[k]), justify=justify, no_wrap=k >= names, overflow="fold")
-        for row in rows:
-            table.add_row(*(Text(visible(row[k])) for k in (*range(names), *shown)))
+        heading = None if title is None else Text(title, "table.title")
+        style: Any = {"box": box.SIMPLE_HEAD, "show_edge": False, "pad_edge": False}
+        table = Table(title=heading, **style, padding=(0, 1, 0, 0))
+        for k in shown:
+            justify = "right" if k >= len(columns) - numbers else "left"
+            table.add_column(Text(columns[k][0]), justify=justify, width=widths[k], overflow="fold")
+        for row in zip(*(columns[k][1:] for k in shown), strict=True):
+            cells = (
+                cell if widths[k] == whole[k] else cell.replace(" [", "\n[")
+                for k, cell in zip(shown, row, strict=True)
+            )
+            table.add_row(*(Text(visible(cell)) for cell in cells))
         console.print(table)
         title = None
+        first = first if rest else []
 
 
 def _cells(columns: Columns, rows: Iterable[Any]) -> Iterable[list[str]]:

@@ -131,7 +131,12 @@ class _Search:
         return (share == 0.0) | (pulsed & (share < FALLEN))
 
     def refined(self, best: np.ndarray, towards: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Better set points near some, and slopes (4, N) of a fit: motion and air by set point."""
+        """Search near set points for better ones.
+
+        Returns:
+            The set points; and (4, N) slopes of a linear fit: by how much 1 rad/s more at each of N
+            motors changes the motion (three numbers) and the share of time in the air.
+        """
         rng = np.random.default_rng(len(best))
         moving = best != 0.0
         slopes = np.zeros((4, len(best)))

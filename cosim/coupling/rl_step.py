@@ -95,7 +95,7 @@ class Step(NamedTuple):
     poses: np.ndarray
 
     def of_sampled(self) -> "Step":
-        """The step as that of the sampled robots alone, but for `poses`."""
+        """Return the step of the sampled robots alone; `poses` stay those of all robots."""
         chosen = np.array(self.sampled, dtype=int)
 
         def chosen_of(observation: Observation) -> Observation:

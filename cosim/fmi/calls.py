@@ -117,8 +117,8 @@ def exchange_signals(
 ) -> tuple[int, int]:
     """Set or get signals of instances `first` to `end` − 1.
 
-    A setter's values come back, and a getter's go, as they are. Returns the fmi3Status, and the
-    instance that failed, if any.
+    The FMU reads the values of a setter and leaves them unchanged. It overwrites those of a getter
+    and does not read them. Returns the fmi3Status, and the instance that failed, if any.
     """
     count, columns = references.shape[0], signals.shape[1]
     arrays, motors = calls.instances.shape[0] == 1, calls.motors

@@ -359,7 +359,7 @@ class CoSimConfig:
         return round(self.timing.control_period_s / self.timing.dt_s)
 
     def ticks(self, duration_s: float) -> int:
-        """Least number of ticks of dt that is no shorter than a duration in s, but for rounding."""
+        """Return the least number of ticks of dt that lasts a duration in s, up to rounding."""
         return math.ceil(duration_s / self.timing.dt_s * (1.0 - _ROUNDING))
 
     @property

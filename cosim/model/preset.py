@@ -290,7 +290,7 @@ def _table(heading: str, values: Mapping[str, Any]) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    """A text, a number, or numbers as TOML has them; texts are as in JSON, but for DEL."""
+    """Return a text, a number or numbers in TOML: texts as in JSON, with DEL escaped too."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, (tuple, list)):

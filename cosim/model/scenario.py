@@ -186,8 +186,8 @@ class Scenario:
         """(N, F, 4) float64, rectangles as of `walls` that each robot's centre may not enter.
 
         They are the other robots' targets: static obstacles of Section III-A, although nothing
-        stands there; and if `zone_is_obstacle` the zone but for the robot's own target. Rectangles
-        are infinitely far where a robot has fewer.
+        stands there. If `zone_is_obstacle`, the cells of the zone are forbidden too, except for the
+        robot's own target. Rectangles are infinitely far where a robot has fewer.
         """
         return self._forbidden({*self.targets, *self._closed})
 
@@ -218,7 +218,7 @@ class Scenario:
         return set(product(columns, rows)) if self.zone_is_obstacle else set()
 
     def _forbidden(self, cells: set[Cell]) -> np.ndarray:
-        """(N, F, 4) rectangles of cells but for each robot's own target, padded with infinity."""
+        """(N, F, 4) rectangles of cells without each robot's own target, padded with infinity."""
         of_robots = [_rectangles(cells - {target}) for target in self.targets]
         padded = np.full((self.robots, max(map(len, of_robots)), 4), np.inf)
         for robot, rectangles in enumerate(of_robots):

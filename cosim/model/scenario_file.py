@@ -50,7 +50,8 @@ def find_scenario(name_or_path: str | Path | Scenario, *, ideal: bool = False) -
     scenario, world = find_in_world(name_or_path)
     if ideal and msgspec.structs.replace(world, obstacles=()) != IDEAL:
         raise UserError(
-            f"{name_or_path}: its table [world] has no effect here, but for obstacles; leave it out"
+            f"{name_or_path}: of its table [world] only obstacles have an effect here; leave the "
+            "rest out"
         )
     return scenario
 

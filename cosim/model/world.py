@@ -138,7 +138,7 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
 
     def tree(self, source: str = "world") -> Tree:
-        """Return the values that this world states but for obstacles, with their source."""
+        """Return the values that this world states, obstacles excepted, with their source."""
         names = [n for n in self.__struct_fields__ if getattr(self, n) != getattr(IDEAL, n)]
         own = {n: getattr(self, n) for n in names if n not in ("sensor", "obstacles")}
         camera = {} if self.sensor is None else msgspec.structs.asdict(self.sensor)

@@ -75,7 +75,7 @@ def observe(
     squared: np.ndarray,
     seen: Observation,
 ) -> None:
-    """Write what a policy sees but for targets.
+    """Write what a policy sees, except for targets.
 
     Args:
         estimates, commands: (N, …) of `cosim.onboard.estimation` and `steering`.

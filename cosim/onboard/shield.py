@@ -3,9 +3,9 @@
 Every control period, before the steering, it looks at where robots are estimated to be. The room
 of a robot is its distance to another one, an obstacle or the board's edge, and the distance of its
 centre to another one's target, less what stopping and the errors of the estimates can cost. A robot
-with little room stops, but for one at a time in a zone, which retreats straight along its own axis
-and is stopped when that costs room; one that cannot drive backwards turns first. A robot without
-room does not move.
+with little room stops. In each zone one robot at a time retreats instead, straight along its own
+axis, until that costs room; a robot that cannot drive backwards turns first. A robot without room
+does not move.
 """
 
 import math

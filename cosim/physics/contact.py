@@ -51,7 +51,9 @@ class Pairing(NamedTuple):
     What is summed is summed by pairs, which keeps the mirror symmetry exact in rounding.
     """
 
-    pairs: tuple[int, ...]  # a zero for each: numba compiles for the length of a tuple
+    pairs: tuple[
+        int, ...
+    ]  # a zero for each pair: numba compiles a kernel for each length of a tuple
     order: tuple[int, ...]  # of kernels: indices in the machine's order
 
 

@@ -22,7 +22,7 @@ from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
 
-Width = tuple[int, ...]  # L zeros: numba compiles for the length of a tuple
+Width = tuple[int, ...]  # L zeros: numba compiles a kernel for each length of a tuple
 
 _DOUBLE, _BIT, _INDEX = ir.DoubleType(), ir.IntType(1), ir.IntType(32)
 _SCALARS = (types.Float, types.Integer)

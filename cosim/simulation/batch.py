@@ -320,7 +320,7 @@ class Batch:
 
 
 def _copies(episodes: list[RunningEpisode | None]) -> list[RunningEpisode | None]:
-    """Copies of episodes, but for what never changes."""
+    """Return copies of episodes that share what never changes."""
     constant = [x for e in episodes if e is not None for x in (e.scenario, e.config, e.drawn)]
     return copy.deepcopy(episodes, {id(x): x for x in constant})
 

@@ -11,7 +11,15 @@ import tyro
 from cosim.base.arguments import ConfigError, require_names, validate_fields, validate_unique
 from cosim.base.command import Count, MotorFmuFile, MotorParameters, Seed
 from cosim.base.progress import Progress, silent, under_way
-from cosim.model.config import GIVEN, OF_MOTOR, CoSimConfig, Loop, OnCollision, whole_ratio
+from cosim.model.config import (
+    GIVEN,
+    OF_MOTOR,
+    CoSimConfig,
+    Leaf,
+    Loop,
+    OnCollision,
+    whole_ratio,
+)
 from cosim.model.params import SHIELD, STEERING, Amount, MotorParams, Positive
 from cosim.model.preset import OF_LOOP, PAPER, SHOWN, Preset, find_preset
 from cosim.model.scenario import Scenario
@@ -26,9 +34,9 @@ class Physics:
     """Robots, motors and clock: what a calibration depends on."""
 
     preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
-    """Machine: paper (Tables I and II), icra2006, thesis, or a file (.toml, see
-    docs/validation.md). What a world says overrides what the machine brings along, and --mu and
-    --noise before both. Robots have the machine's diameter, which no scenario may contradict."""
+    """Machine: paper (Tables I and II), icra2006, thesis, kilobot, droplet, or a file (.toml, see
+    docs/own.md). What a world says overrides what the machine brings along, and --mu and --noise
+    override both. Robots have the machine's diameter, which no scenario may contradict."""
     mu: Amount | None = None
     """Coulomb friction coefficient of the feet on the floor (0.1 to 0.4 in the literature), 0.15 by
     default or as the preset says. Robots that touch each other have mu_robots of the preset."""
@@ -264,7 +272,7 @@ def options_of(
 
 
 class Setup(NamedTuple):
-    """Everything that determines an episode but for its policy, start cells and seed.
+    """Everything that determines an episode, except for its policy, start cells and seed.
 
     The scenario has the obstacles of its world.
     """
@@ -292,11 +300,42 @@ def resolve(
         calibrate: whether robots are given directions or velocities, which needs a machine that
             can be steered, or set points of their motors, see `CoSimConfig.commanded`.
     """
-    given = options.world if world is None else world
-    scenario, world = options.board(scenario, given)
+    scenario, world, source = _placed(options, scenario, world)
     if require is not None:
         require(scenario)
-    name = Path(given).stem if isinstance(given, str | Path) else f"of scenario {scenario.name}"
-    source = f"world {name}" if given is None or isinstance(given, str | Path) else "world"
     prepared = options.prepare(scenario.diameter_m, progress, world, source, calibrate=calibrate)
     return Setup(scenario, *prepared)
+
+
+def declared(
+    options: SimulationOptions, scenario: str | Path | Scenario, progress: Progress = silent
+) -> CoSimConfig:
+    """Return the parameters of a scenario's episodes before anything is calibrated."""
+    from cosim.fmi.motor import with_motor  # noqa: PLC0415 - with fmpy
+
+    board, world, source = _placed(options, scenario, None)
+    return with_motor(options.config(world, source).sized(board.diameter_m), options.fmu(progress))
+
+
+def _placed(
+    options: SimulationOptions, scenario: str | Path | Scenario, world: AnyWorld
+) -> tuple[Scenario, World, str]:
+    """Return a scenario's board, its world, and what parameters of that have as their source."""
+    given = options.world if world is None else world
+    board, found = options.board(scenario, given)
+    name = Path(given).stem if isinstance(given, str | Path) else f"of scenario {board.name}"
+    return (
+        board,
+        found,
+        f"world {name}" if given is None or isinstance(given, str | Path) else "world",
+    )
+
+
+def differing(config: CoSimConfig) -> dict[str, Leaf]:
+    """Return the parameters that are not the default, by name."""
+    usual = CoSimConfig().leaves()
+    return {
+        name: leaf
+        for name, leaf in config.leaves().items()
+        if name not in usual or leaf.value != usual[name].value
+    }

@@ -12,6 +12,7 @@ COMMANDS = {  # module, class and purpose of every command
     "calibrate": ("motors", "Calibrate", "Map motor speeds to speed and yaw rate, with a plot"),
     "compare": ("recordings", "Compare", "Show where two episodes part, and what differs"),
     "design": ("motors", "DesignRobot", "Find designs with a desired speed, all feet on the floor"),
+    "draw": ("motors", "DrawMachines", "Draw machines from above and from the side"),
     "evaluate": ("policies", "Evaluate", "Evaluate policies in the full dynamics, or on the grid"),
     "experiments": ("policies", "Experiments", "The paper's learning experiments"),
     "export": ("recordings", "Export", "Write a recording for other programs"),

@@ -1,6 +1,7 @@
 """Commands that simulate episodes: a run of them, and one that was recorded, again."""
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,22 +14,50 @@ from cosim.base.arguments import ConfigError
 from cosim.base.errors import in_shell
 from cosim.base.progress import Progress
 from cosim.base.table import show_texts
+from cosim.model.config import GIVEN
+from cosim.model.params import STEERING
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.live import DEFAULT_VIEWER, find_viewer, spawn_viewer
-from cosim.simulation.options import EpisodeOptions, Setup, SimulationOptions, resolve
+from cosim.simulation.options import (
+    EpisodeOptions,
+    Setup,
+    SimulationOptions,
+    declared,
+    differing,
+    resolve,
+)
 from minirobots.runner import Command, Output
 
 if TYPE_CHECKING:
     from agent.mdp.greedy import GreedyPolicy
     from agent.training.loop import TrainingLog
     from agent.training.methods import Method
+    from cosim.model.config import CoSimConfig
     from cosim.model.scenario import Scenario
 
+CALIBRATED = "calibrated"  # source of what follows from the other parameters
+_LISTED = 6  # differences on the console
 _LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run(Command):
+class OfPolicy(Command):
+    """Base of commands that take a trained policy: as their first word, or as --policy."""
+
+    first: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY.npz")] = None
+    """Trained policy, the same as --policy."""
+    policy: opt.OptionalFile = None
+    """Trained policy to use instead of one that is made, or found in the cache."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.first and self.policy not in (None, self.first):
+            raise ConfigError(f"--policy {self.policy} and {self.first}: name one policy")
+        object.__setattr__(self, "policy", self.first or self.policy)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(OfPolicy):
     """Mini-robots learn to reach their targets, then drive there with motors, mass and friction.
 
     The agents are trained (or found in the cache if this configuration was trained before), and
@@ -60,13 +89,11 @@ class Run(Command):
     """Seed of training: by default 0, so that every --seed uses the same policy, trained once."""
     again: Annotated[bool, tyro.conf.arg(aliases=["--retrain"])] = False
     """Train even if the cache has a policy of this configuration."""
-    policy: opt.File | None = None
-    """Trained policy to use instead of training: a file (policy.npz)."""
     no_record: bool = False
     """Short for --record none."""
     show_config: bool = False
-    """Print every parameter of the episodes with its unit and source, a line each, and end: no
-    episode is simulated."""
+    """Print every parameter of the episodes with its unit and source, a line each, and end. Nothing
+    is simulated: those of the steering that a calibration finds have their defaults."""
     live: bool = False
     """Send recorded data to a running Rerun viewer too, while the episodes run."""
     spawn: bool = False
@@ -123,13 +150,16 @@ class Run(Command):
                 f"{more[0]} is of a run of other episodes, and would stay next to the new summary; "
                 "choose another --out, or remove it"
             )
-        if self.policy is None and not self.show_config:  # refused before anything is measured
+        if self.show_config:
+            config = declared(self.physics, self.scenario, progress)
+            leaves = with_bursts(config, record).leaves().values()
+            return Output({leaf.path: leaf.table() for leaf in leaves}, *map(str, leaves))
+        if self.policy is None:  # refused before anything is measured
             board, _ = self.physics.board(self.scenario, self.physics.world)
             self._method(board).check(board)
         scenario, config, fmu = resolve(self.physics, self.scenario, progress)
-        if self.show_config:
-            leaves = with_bursts(config, record).leaves().values()
-            return Output({leaf.path: leaf.table() for leaf in leaves}, *map(str, leaves))
+        if slow := slowed(config):  # before episodes that take long
+            _LOGGER.warning(slow)
         viewer = None
         if self.spawn:
             viewer = spawn_viewer(self.viewer)
@@ -165,6 +195,7 @@ class Run(Command):
             {"episodes": results, "training": achieved},
             partial(show_texts, (*names, "recording"), rows),
             *([] if achieved is None else [f"training: {achieved}"]),
+            *_differences(config),
             f"results in {out}/: summary.json, policy.npz",
             *(f"open with: {in_shell('rerun')} {path}" for path in first),
             *(["a faster policy: --method fastest --through (docs/methods.md)"] * learnt_on_grid),
@@ -195,8 +226,31 @@ class Run(Command):
         return find_or_make(config, again=self.again, progress=progress)[:2]
 
 
+def slowed(config: "CoSimConfig") -> str:
+    """Return why robots drive more slowly than by default; nothing if they do not, or are told."""
+    speed_m_s = config.steering.drive_speed_m_s
+    source = config.leaves()["drive_speed_m_s"].quantity.source
+    if speed_m_s >= STEERING.drive_speed_m_s or source == GIVEN:
+        return ""
+    return (
+        f"robots drive {1e3 * speed_m_s:.1f} mm/s, not {1e3 * STEERING.drive_speed_m_s:.1f}: "
+        f"{source.removeprefix('computed: ')} (mu = {config.robot.mu:g}); episodes end after "
+        f"{config.timing.episode_limit_s:g} s at the latest"
+    )
+
+
+def _differences(config: "CoSimConfig") -> Iterator[str]:
+    """Yield what was given in place of the defaults, a line each."""
+    own = [leaf for leaf in differing(config).values() if leaf.quantity.source != CALIBRATED]
+    if own:
+        yield "not the default (summary.json has all):"
+    for leaf in own[:_LISTED]:
+        short = f"{leaf.value:.4g}" if isinstance(leaf.value, float) else leaf.value
+        yield f"  {leaf._replace(value=short)}"
+
+
 @dataclass(frozen=True, kw_only=True)
-class Web(Command):
+class Web(OfPolicy):
     """Write one HTML file in which the robots of a policy drive in any browser, without network.
 
     It computes the co-simulation, by the same code compiled to WebAssembly, for any seed: an
@@ -204,8 +258,6 @@ class Web(Command):
     """
 
     scenario: opt.ScenarioName = "4"
-    policy: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY.npz")] = None
-    """Trained policy; by default one is made, or found in the cache."""
     method: opt.MethodName | None = None
     """Method that makes the policy, as in `minirobots run`, by default that of the scenario."""
     out: opt.File = Path("page.html")
@@ -239,7 +291,7 @@ class Replay(Command):
 
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING.rrd")]
     """Recording of an episode."""
-    policy: opt.File | None = None
+    policy: opt.OptionalFile = None
     """Policy of the run; by default policy.npz in the folder above that of the recording."""
     motor_fmu: opt.MotorFmuFile = None
 

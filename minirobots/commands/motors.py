@@ -14,7 +14,7 @@ from cosim.base import command as opt
 from cosim.base.arguments import validate_unique
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
-from cosim.base.storage import require_suffix, write_json
+from cosim.base.storage import PICTURE, require_suffix, write_json
 from cosim.base.table import show, show_texts
 from cosim.model.preset import PAPER, find_preset
 from cosim.simulation.options import Physics
@@ -163,13 +163,14 @@ class Calibrate(Command):
     Co-simulates single robots with their motor FMUs and noise, forwards, backwards, left and right,
     over motor speeds, speed differences and phases between the motors, and writes the map, its
     scatter and a plot. Of a machine with motors or feet of its own it finds the motion primitives:
-    the set points that drive and turn it, from random ones, with their repeatability. The
-    co-simulation calibrates itself likewise when robot, motors, FMU, clock or noise change; this
-    command shows the result.
+    the set points that drive and turn it, from random ones, with their repeatability, and draws
+    where they take it. The co-simulation calibrates itself likewise when robot, motors, FMU, clock
+    or noise change; this command shows the result.
     """
 
     out: opt.Folder = Path("runs/calibration")
-    """Output folder: calibration.npz, .json and .png; primitives.json of a machine of its own."""
+    """Output folder: calibration.npz, .json and .png; of a machine with motors or feet of its own
+    primitives.json and .png."""
     again: bool = False
     """Measure even if the cache has this calibration."""
     jobs: opt.Jobs = -1
@@ -204,10 +205,13 @@ class Calibrate(Command):
         )
 
     def _primitives(self, config: "CoSimConfig", fmu: Path, progress: Progress) -> Output:
+        from analysis.figures.machine import draw_primitives
+        from cosim.base.plotting import save_figure
         from cosim.calibration.primitives import find_primitives, primitive_rows, steered
 
-        found = find_primitives(config, fmu, progress, again=self.again)
-        write_json(self.out / "primitives.json", found)
+        found, out = find_primitives(config, fmu, progress, again=self.again), self.out
+        write_json(out / "primitives.json", found)
+        save_figure(draw_primitives(found, config.robot), out / "primitives.png", dpi=150)
         steering = steered(config, found).steering
         header = ("primitive", "ahead, mm/s", "aside, mm/s", "yaw, °/s", "in the air", "rad/s")
         return Output(
@@ -215,8 +219,34 @@ class Calibrate(Command):
             lambda: show_texts(header, primitive_rows(found, config)),
             f"steered at {1e3 * steering.drive_speed_m_s:.2f} mm/s and "
             f"{math.degrees(steering.turn_rate_rad_s):.1f} °/s",
-            f"results in {self.out}/: primitives.json",
+            f"results in {out}/: primitives.json, .png",
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawMachines(Command):
+    """Draw machines from above and from the right, to scale: body, motors, shafts, feet, mass.
+
+    A motor's square is its eccentric mass, behind which its body lies. Seen from the tip of the
+    shaft, a motor with a positive speed turns counter-clockwise.
+    """
+
+    machines: Annotated[
+        tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="NAME|FILE …")
+    ] = (PAPER,)
+    """Machines: paper, icra2006, thesis, kilobot, droplet, or files (.toml)."""
+    out: opt.File = Path("machines.png")
+    """Picture to write (.png, .pdf or .svg)."""
+
+    def run(self, progress: Progress) -> Output:
+        from analysis.figures.machine import draw_machines
+        from cosim.base.plotting import save_figure
+
+        out = require_suffix(self.out, *PICTURE)
+        presets = map(find_preset, self.machines)
+        machines = {preset.name: preset.config().robot for preset in presets}
+        save_figure(draw_machines(machines), out, dpi=100)
+        return Output({"picture": str(out)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -342,8 +372,8 @@ class IdentifyRobot(Command):
     out: opt.Folder = Path("runs/robot")
     """Output folder: preset.toml, identification.json, report.md, tracks.svg."""
     preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
-    """Machine that the robot is like: what is not identified, such as its mass, and what is assumed
-    before anything is."""
+    """Machine that the robot is like, as in `minirobots run`: what is not identified, such as its
+    mass, and what is assumed before anything is."""
     board: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="M M")] = None
     """Width and height of the board in m, with its corner at the origin; by default endless."""
     motor_fmu: opt.MotorFmuFile = None

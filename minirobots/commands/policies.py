@@ -65,13 +65,13 @@ class Train(Command):
     runs: opt.Count = 1
     """Independent runs (the paper: 20)."""
     seed: opt.Seed = 0
-    config: opt.File | None = None
+    config: opt.OptionalFile = None
     """Settings file with tables [process] and [learning] in place of those of the method; options
     given here override it."""
-    moves: opt.File | None = None
+    moves: opt.OptionalFile = None
     """Moves observed by `minirobots moves`: train on them instead of the grid."""
     preset: opt.PresetName = PAPER
-    world: opt.File | None = None
+    world: opt.OptionalFile = None
     """World (.toml) whose obstacles the agents learn; by default that of the scenario file."""
     motor_fmu: opt.MotorFmuFile = None
     motor_parameters: opt.MotorParameters = ()

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from cosim.base import command as opt
-from cosim.base.errors import UserError
 from cosim.base.progress import Progress, under_way
-from cosim.base.storage import require_suffix
+from cosim.base.storage import PICTURE, require_suffix
 from cosim.base.table import Column, field, show, show_texts
 from minirobots.runner import Command, Output
 
@@ -24,8 +23,9 @@ class Inspect(Command):
     """Print the content of a recorded episode, and its anomalies.
 
     Prints what was run, the outcome, every robot's path and moves, statistics of every signal, and
-    findings with the time at which to look. What looks wrong: no success, a recording that was cut
-    off, robots that touch, moves given up, voltages at their limit for long. What robots that reach
+    findings with the time at which to look. What looks wrong: no success, an episode four times as
+    long as straight lines take, a recording that was cut off, robots that touch, moves given up,
+    voltages at their limit for long. What robots that reach
     their targets also do: feet slide and lift off, robots pass closely. Also reads what a killed
     run left (.rrd.part).
     """
@@ -60,15 +60,10 @@ def _lines(found: "Inspection") -> Iterator[str]:
 
 
 def _show_tables(found: "Inspection", parameters: bool) -> None:
-    from rich.console import Console
-
-    console = Console()
-    if not console.is_terminal:  # a file takes whole lines; a terminal has its own width
-        console = Console(width=150)
     if parameters:
         header = ("parameter", "value", "unit", "meaning", "source")
         rows = [(name, *map(str, row.values())) for name, row in found.parameters.items()]
-        show_texts(header, rows, names=5, title="parameters", console=console)
+        show_texts(header, rows, names=5, title="parameters")
     measures = [field(name, "{:.4g}") for name in ("minimum", "mean", "maximum", "deviation")]
     columns = (
         field("signal"),
@@ -79,7 +74,7 @@ def _show_tables(found: "Inspection", parameters: bool) -> None:
         *measures,
     )
     layout = {"names": 3, "title": "signals", "numbers": len(measures)}
-    show(columns, found.signals, **layout, console=console)
+    show(columns, found.signals, **layout)
     if not any(finding.wrong for finding in found.findings):
         print("nothing looks wrong")
     at = Column("at", lambda row: f"{row.time_s:.2f} s" if row.time_s is not None else "–")
@@ -87,7 +82,7 @@ def _show_tables(found: "Inspection", parameters: bool) -> None:
         rows = [finding for finding in found.findings if finding.wrong == wrong]
         if rows:
             columns = field("kind", heading=title), field("where"), at, field("text", heading="")
-            show(columns, rows, names=4, console=console)
+            show(columns, rows, names=4)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +131,7 @@ class Export(Command):
     """Recording of an episode (.rrd or .rrd.part)."""
     to: Literal["parquet", "csv"]
     """Format to write."""
-    out: opt.File | None = None
+    out: opt.OptionalFile = None
     """File to write; by default next to the recording, with its name."""
     signals: tuple[str, ...] = ()
     """Signals and states to write, by name or pattern, such as r1/motors/omega or 'r1/*'; all by
@@ -173,23 +168,20 @@ class Compare(Command):
     """Recording of an episode (.rrd or .rrd.part)."""
     second: Annotated[Path, tyro.conf.Positional]
     """Another one."""
-    out: opt.File | None = None
+    out: opt.OptionalFile = None
     """Picture to write (.png, .pdf or .svg); by default none."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.out is not None and self.out.suffix not in {".png", ".pdf", ".svg"}:
-            raise UserError(f"--out {self.out}: name a .png, .pdf or .svg file")
 
     def run(self, progress: Progress) -> Output:
         from analysis.compare import compare, differing, draw
         from cosim.base.plotting import save_figure
         from cosim.recording.reader import read_episode
 
-        a, b = map(read_episode, (self.first, self.second))
-        found = compare(a, b)
-        if self.out is not None:
-            save_figure(draw(a, b, found), self.out, dpi=150)
+        out = self.out and require_suffix(self.out, *PICTURE)
+        with under_way(progress, "comparing"):
+            a, b = map(read_episode, (self.first, self.second))
+            found = compare(a, b)
+        if out:
+            save_figure(draw(a, b, found), out, dpi=150)
         rows = {"outcome": found.outcomes, "simulated s": found.times_s}
         rows |= found.facts | found.parameters
         changed = {name: pair for name, pair in rows.items() if pair[0] != pair[1]}
@@ -199,7 +191,7 @@ class Compare(Command):
             *(differing(*each) for each in found.differences.items()),
             f"{found.signals - len(found.differences)} of {found.signals} signals are equal in "
             "every bit",
-            *([f"picture in {self.out}"] if self.out else []),
+            *([f"picture in {out}"] if out else []),
             failed=bool(found.differences),
         )
 

@@ -12,8 +12,13 @@ import msgspec
 import numpy as np
 import pytest
 
+import agent
 from agent.training.loop import TrainingLog
+from agent.training.methods import METHODS
 from agent.training.policy import Policy
+from agent.training.settings import LearningConfig
+from cosim.base.errors import UserError
+from cosim.model.scenario_file import find_scenario
 from minirobots.commands.policies import Train
 from minirobots.runner import parse
 
@@ -140,6 +145,17 @@ def test_options_override_the_settings_file(tmp_path):
     options = parse(Train, "", arguments, Train.defaults(arguments)).options
     assert (options.learning.eta, options.learning.gamma) == (0.5, 0.25)
     assert options.process.step_limit == 7
+
+
+def test_python_takes_the_settings_of_the_command():
+    board, options = find_scenario("1a"), {"step_cost": 3, "features": ["y", "x"], "eta": 0.25}
+    process, learning = METHODS["paper"].with_settings(board, options)
+    assert (process.step_cost, process.features, learning.eta) == (3.0, ("y", "x"), 0.25)
+    assert learning.gamma == LearningConfig.gamma
+    with pytest.raises(UserError, match=r"setting gama is unknown.*did you mean gamma"):
+        agent.train(board, method="paper", gama=0.5)
+    with pytest.raises(UserError, match="gamma has no effect on method shortest"):
+        agent.train(board, method="shortest", gamma=0.5)
 
 
 def test_evaluate_refuses_what_is_no_policy(command, tmp_path):

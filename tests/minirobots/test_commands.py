@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 
 import minirobots.__main__
+from cosim.base.errors import UserError
 from minirobots.commands import COMMANDS
-from minirobots.runner import print_json
+from minirobots.commands.episodes import Run, Web
+from minirobots.runner import parse, print_json
 from tests.alone import python
 
 ROOT = Path(__file__).parents[2]
@@ -88,6 +90,22 @@ def test_results_replace_no_file_of_another_kind(program, tmp_path, arguments):
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert kept.name in done.stderr
     assert kept.read_text() == "kept"
+
+
+def test_unknown_options_name_the_command_that_has_them(capsys):
+    with pytest.raises(SystemExit):
+        parse(Run, "minirobots run", ["--learning.gamma", "0.9"])
+    said = capsys.readouterr().err
+    assert "--learning.gamma FLOAT" in said
+    assert "in minirobots train --help" in said
+
+
+@pytest.mark.parametrize("kind", [Run, Web])
+def test_a_policy_is_named_first_or_as_an_option(kind):
+    for arguments in (["a.npz"], ["--policy", "a.npz"], ["a.npz", "--policy", "a.npz"]):
+        assert parse(kind, "", arguments).options.policy == Path("a.npz")
+    with pytest.raises(UserError, match="name one policy"):
+        parse(kind, "", ["a.npz", "--policy", "b.npz"])
 
 
 def test_help_ends_with_examples_of_the_page_and_unknown_commands_have_none(program):

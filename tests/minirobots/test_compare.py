@@ -1,13 +1,14 @@
 """Two episodes next to each other, and an episode as a video."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import minirobots as mr
-from analysis.compare import compare
+from analysis.compare import compare, draw
 from cosim.base.colours import robot_colour
 
 
@@ -48,9 +49,27 @@ def test_what_differs_is_named_with_the_time(recordings, command, tmp_path):
 @pytest.mark.parametrize("name", ["a.xyz", "a"])
 def test_a_picture_of_another_format_is_refused_before_recordings_are_read(name, command):
     done = command("compare", "none.rrd", "none.rrd", "--out", name)
-    assert (done.returncode, done.stderr) == (
-        2, f"error: --out {name}: name a .png, .pdf or .svg file\n"
-    )  # fmt: skip
+    fault = "its name must end in .png or .pdf or .svg; choose a.png"
+    assert (done.returncode, done.stderr) == (2, f"error: {name}: {fault}\n")
+
+
+def test_colours_are_robots_and_styles_episodes(recordings):
+    a, b = map(mr.open, recordings)
+    assert a.scenario is not None
+    (target,) = a.scenario.targets
+    figure: Any = draw(a, b, compare(a, b))
+    board, *curves = figure.axes
+    for axes in (board, *curves):
+        assert {line.get_color() for line in axes.lines} == {robot_colour(0)}
+    hollow, *paths = board.lines
+    np.testing.assert_allclose(hollow.get_xydata(), [[target[0] + 0.5, target[1] + 0.5]])
+    for lines in (paths, *(axes.lines for axes in curves)):
+        assert [line.get_linestyle() for line in lines] == ["-", "--"]
+    for line, episode in zip(paths, (a, b), strict=True):
+        places = 100.0 * episode.signals["r1/position"].values[:, :2]
+        np.testing.assert_array_equal(line.get_xydata(), places)
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [*map(str, recordings)]
 
 
 def test_a_video_shows_the_robot_where_it_is(recordings, command, tmp_path):

@@ -43,7 +43,7 @@ class Episode {
     }
   }
 
-  // All that changes, but for what is kept of the past.
+  // All that changes, without what is kept of the past.
   saved() {
     const { time, outcome, periods, paths, corners, machine } = this;
     return { memory: machine.saved(), time, outcome, periods, paths: [...paths], corners: [...corners] };

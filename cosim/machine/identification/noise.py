@@ -85,7 +85,7 @@ def residuals(
 
 
 def deviance(times: np.ndarray, errors: np.ndarray, noise: Noise) -> float:
-    """Minus twice the logarithm of the likelihood of residuals (n − 1, 3), but for a constant."""
+    """Return −2 times the log-likelihood of residuals (n − 1, 3), less a constant."""
     of_place, of_heading = (
         np.log(deviation**2 * _gains(times, drift / deviation**2)[1]).sum()
         for deviation, drift in (

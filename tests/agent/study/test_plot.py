@@ -40,11 +40,12 @@ def test_points_and_bars_are_the_quantity_at_the_value_of_the_axis(quantity):
     (panel,) = figure.axes
     assert panel.get_xlabel() == "mu"
     assert panel.get_ylabel() == QUANTITIES[quantity][0]
-    for container, policy in zip(panel.containers, ("near", "far"), strict=True):
+    asides = ("near", -0.00625), ("far", 0.00625)  # next to each other, not on each other
+    for container, (policy, aside) in zip(panel.containers, asides, strict=True):
         line, _, (bars,) = container.lines
         rows = [row for row in table.rows if row.policy == policy]
         factor = QUANTITIES[quantity][1]
-        drawn = [(row.options["mu"], factor * getattr(row, quantity)) for row in rows]
+        drawn = [(row.options["mu"] + aside, factor * getattr(row, quantity)) for row in rows]
         np.testing.assert_allclose(line.get_xydata(), drawn)
         ends = [
             (getattr(row, f"{quantity}_low", None), getattr(row, f"{quantity}_high", None))

@@ -17,12 +17,14 @@ from matplotlib.patches import Rectangle
 
 from agent.evaluation.statistics import summarise
 from agent.training.loop import TrainingLog
-from analysis.figures import fig03, fig05, learning, motor_cycle, paths, transfer
+from analysis.figures import fig03, fig05, learning, machine, motor_cycle, paths, transfer
 from analysis.figures.motor_cycle import Cycle
 from analysis.figures.paths import Track
 from analysis.reading.results import DRIVEN_BY
 from cosim.base.colours import robot_colour
+from cosim.calibration.primitives import Primitive
 from cosim.machine.platform.motion import Motion, PlatformResult
+from cosim.model.params import TABLE_I, Foot, Mount
 from cosim.model.scenario_file import BUILT_IN, find_scenario
 
 POINTS = 7
@@ -68,11 +70,17 @@ def assert_curves(axes: Any, variants, prefix: str, name: str) -> None:
 @pytest.mark.parametrize("runs", [2, 6])
 def test_learning_curves(runs):
     variants = {name: variant(f"c = {name}", "4", runs, 7 * k) for k, name in enumerate("ab")}
-    figure: Any = learning.draw_learning_curves(variants)
+    figure: Any = learning.draw_learning_curves(variants, "b")
+    *learnt, differences = figure.axes
+    line, same = (line for line in differences.lines if line.get_label()[0] == "c")
+    a, b = (each.curves("greedy_path_length_cm") for each in variants.values())
+    np.testing.assert_allclose(line.get_ydata(), (a - b).mean(axis=0))
+    np.testing.assert_array_equal(same.get_ydata(), 0.0)
+    assert differences.get_ylabel() == "cm more than c = b"
     panels = [
         (prefix, name) for prefix in ("", "greedy_") for name in ("success", "path_length_cm")
     ]
-    for axes, (prefix, name) in zip(figure.axes, panels, strict=True):
+    for axes, (prefix, name) in zip(learnt, panels, strict=True):
         assert_curves(axes, variants.values(), prefix, name)
         assert ("%" in axes.get_ylabel()) == (name == "success")
         assert axes.get_ylim()[0] > -60.0
@@ -94,7 +102,7 @@ def test_learning_curves_by_scenario(runs):
 def test_bands_end_at_what_is_possible_and_leave_out_points_without_a_run():
     axes: Any = plt.figure().add_subplot()
     rates = np.array([[100.0, 0.0]] * 3 + [[10.0, 90.0], [20.0, 80.0], [30.0, 70.0]])
-    learning.plot_band(axes, np.array([1e6, 2e6]), rates, "x", 100.0)
+    learning.plot_band(axes, np.array([1e6, 2e6]), rates, "x", (0.0, 100.0))
     assert {0.0, 100.0} <= set(axes.collections[0].get_paths()[0].vertices[:, 1])
     assert axes.dataLim.intervaly.tolist() == [0.0, 100.0]
     axes = plt.figure().add_subplot()
@@ -259,3 +267,45 @@ def test_motion_of_the_platform():
         held = row[2].collections[0].get_paths()[0].vertices[:, 1]
         assert held.max() == each.friction_limit_n[:11].max()
         assert f"ω = {each.omega_rad_s:.0f} rad/s, µ = {each.mu:g}" in row[0].get_title(loc="left")
+
+
+def test_machines_are_drawn_in_both_views():
+    mounts = (
+        Mount((0.004, 0.011, 0.006), (0.0, 0.8, 0.6)),
+        Mount((-0.01, 0.002, 0.02), (1.0, 0.0, 0.0)),
+    )
+    feet = Foot(0.02, 0.001), Foot(-0.015, 0.012), Foot(-0.011, -0.017)
+    robot = TABLE_I._replace(motors=mounts, feet=feet, com_x_m=0.002, com_y_m=-0.003)
+    figure: Any = machine.draw_machines({"$own": robot})
+    for axes, view in zip(figure.axes, (machine.ABOVE, machine.SIDE), strict=True):
+        drawn = {label: [] for label in ("motor, at its mass", "foot", "shaft", "centre of mass")}
+        for line in axes.lines:
+            drawn.get(line.get_label(), []).append(np.array(line.get_xydata()))
+        places = [[each.place_m[k] for k in view] for each in mounts]
+        np.testing.assert_allclose(
+            np.concatenate(drawn["motor, at its mass"]), 1e3 * np.array(places)
+        )
+        floor = [[(foot.x_m, foot.y_m, 0.0)[k] for k in view] for foot in feet]
+        np.testing.assert_allclose(np.concatenate(drawn["foot"]), 1e3 * np.array(floor))
+        (centre,) = drawn["centre of mass"]
+        np.testing.assert_allclose(centre[0], [(2.0, -3.0, 15.0)[k] for k in view])
+        for (start, tip), mount in zip(drawn["shaft"], mounts, strict=True):
+            along = np.array([mount.axis[k] for k in view])
+            np.testing.assert_allclose(tip - start, 0.3 * 25.0 * along, atol=1e-12)
+    assert figure.axes[0].get_title(loc="left") == "$own"
+
+
+def test_primitives_are_drawn_where_the_front_goes():
+    """A turn about the robot's axis by 9° a second, and one straight to the left."""
+    still = {"spread": (0.0, 0.0, 0.0), "airborne_share": 0.0, "difference": (), "yaw_gain": 1.0}
+    rate, angle = np.deg2rad(9.0), np.deg2rad(90.0)
+    found = {
+        "left turn": Primitive(set_points_rad_s=(), mean=(0.0, 0.0, rate), **still),
+        "leftwards": Primitive(set_points_rad_s=(), mean=(0.0, 0.002, 0.0), **still),
+        "forwards": Primitive(set_points_rad_s=(), mean=(0.0, 0.0, rate), **still),  # it cannot
+    }
+    figure: Any = machine.draw_primitives(found, TABLE_I)
+    ends = {each.get_label(): each.get_xydata()[-1] for each in figure.axes[0].lines}
+    np.testing.assert_allclose(ends["left turn"], 25.0 * np.array([np.cos(angle), np.sin(angle)]))
+    np.testing.assert_allclose(ends["leftwards"], [25.0, 20.0])
+    assert "forwards" not in ends

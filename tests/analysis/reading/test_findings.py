@@ -1,5 +1,6 @@
 """What looks wrong in an episode, and what robots that reach their targets do as well."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,14 @@ def test_what_successful_robots_do_does_not_look_wrong(saturated, wrong):
     assert kinds(episode) == [saturation] * wrong
     usual = [("slipping", "r1"), ("lift-off", "r1"), ("near miss", "r1 and r2")]
     assert kinds(episode, wrong=False) == [saturation] * (not wrong) + usual
+
+
+@pytest.mark.parametrize(("speed_m_s", "wrong"), [(0.124, []), (0.126, [("slow", "episode")])])
+def test_an_episode_of_four_times_the_straight_line_looks_wrong(speed_m_s, wrong):
+    """It lasts 1 s; the second robot is 31 mm from its target, the first one nearer."""
+    episode = made_up({"r1": np.full(1000, 0.02), "r2": np.full(1000, -0.031)}, (), "success")
+    known = {**episode.parameters, "drive_speed_m_s": Parameter(speed_m_s, "", "", "")}
+    assert kinds(replace(episode, parameters=known)) == wrong
 
 
 def test_a_robot_lacks_its_own_target_where_others_are_not_recorded():

@@ -160,5 +160,5 @@ def test_a_world_that_would_have_no_effect_is_refused(written):
     obstacles = "\n[world]\nobstacles = [[14, 10]]\n"
     walled = find_scenario(written(SCENARIO + obstacles, "walled.toml"), ideal=True)
     assert (14, 10) in walled.obstacles
-    with pytest.raises(UserError, match="has no effect here, but for obstacles"):
+    with pytest.raises(UserError, match="only obstacles have an effect here"):
         find_scenario(written(SCENARIO + WORLD, "own.toml"), ideal=True)

@@ -9,8 +9,8 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import World
-from cosim.simulation.options import EpisodeOptions, SimulationOptions, resolve
-from minirobots.commands.episodes import Run
+from cosim.simulation.options import EpisodeOptions, SimulationOptions, differing, resolve
+from minirobots.commands.episodes import Run, slowed
 
 
 @pytest.mark.slow
@@ -46,11 +46,12 @@ def test_a_shield_is_a_record_or_none(shield):
         CoSimConfig(shield=shield)
 
 
-def test_show_config_prints_every_parameter_with_its_source(tmp_path, capsys):
+def test_show_config_prints_every_parameter_with_its_source(tmp_path, capsys, monkeypatch):
     world = tmp_path / "icy.toml"
     world.write_text("[world]\nmu = 0.1\n")
     physics = EpisodeOptions(world=world, noise=0.1, record="summary")
     run = Run(scenario="1a", show_config=True, physics=physics, out=tmp_path / "out")
+    monkeypatch.setattr("cosim.calibration.measuring.calibrated", None)  # nothing is measured
     run.run(silent).show()
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == len(CoSimConfig().table())
@@ -61,3 +62,13 @@ def test_show_config_prints_every_parameter_with_its_source(tmp_path, capsys):
         line for line in lines if line.startswith("steering.turn_speed") and "(calibrated" in line
     ]
     assert not (tmp_path / "out").exists()
+
+
+def test_what_differs_from_the_default_is_listed_and_slow_robots_are_explained():
+    config = CoSimConfig().having("given", mu=0.3)
+    slower = config.having("computed: the largest speed without hopping", drive_speed_m_s=0.0022)
+    assert {name: leaf.value for name, leaf in differing(config).items()} == {"mu": 0.3}
+    assert slowed(config) == slowed(slower.having("given", drive_speed_m_s=0.001)) == ""
+    assert slowed(slower).startswith(
+        "robots drive 2.2 mm/s, not 3.9: the largest speed without hopping (mu = 0.3)"
+    )
