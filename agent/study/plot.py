@@ -33,6 +33,7 @@ _GROUP = 0.7  # of points side by side, the share of the distance between values
 _ASIDE = 0.25  # of points on an axis of numbers, the share of the least distance between values
 _SHIELD = ", shield"
 _COLOURS = (BLUE, GREEN, PURPLE, VERMILION, ORANGE, SKY, BLACK)
+_LETTERS = 90  # of the values of an axis that stand beside each other
 _LEGEND = 7  # size of its font in points; a letter is about half as wide
 _LETTER_IN, _HANDLE_IN, _LINE_IN = 0.55 * _LEGEND / 72, 0.55, 1.6 * _LEGEND / 72
 
@@ -78,7 +79,8 @@ def draw_measure(
     longest = max((len(line) for text in labels.values() for line in text.split("\n")), default=1)
     fit = max(1, min(4, int(width / (_HANDLE_IN + _LETTER_IN * longest))))
     below = _LINE_IN * sum(text.count("\n") + 1 for text in labels.values()) / fit
-    figure = Figure(figsize=(width, 2.3 * lines + 0.4 + below), layout="constrained")
+    high = 2.3 + max((_turned_in(list(map(value, rows))) for rows in known.values()), default=0.0)
+    figure = Figure(figsize=(width, high * lines + 0.4 + below), layout="constrained")
     for number, (name, rows) in enumerate(known.items(), 1):
         panel = figure.add_subplot(lines, columns, number)
         _draw_panel(panel, rows, value, series, labels, quantity)
@@ -91,6 +93,13 @@ def draw_measure(
             figure.legend(*legend, loc="outside lower center", ncols=fit, fontsize=_LEGEND)
     figure.suptitle(title)
     return _plain(figure)
+
+
+def _turned_in(values: Sequence[Any]) -> float:
+    """Return how high the values of an axis stand when turned, in inches; 0 if they lie."""
+    texts = [] if _are_numbers(values) else list(map(str, dict.fromkeys(values)))
+    turned = sum(map(len, texts)) > _LETTERS
+    return turned * _LETTER_IN * max(map(len, texts), default=0)
 
 
 def _plain(figure: Figure) -> Figure:
@@ -128,7 +137,8 @@ def _draw_panel(
             linestyle="-" if numbers else "",
         )  # fmt: skip
     if not numbers:
-        panel.set_xticks(range(len(values)), list(map(str, values)), fontsize=7)
+        turned = 90 if _turned_in(values) else 0
+        panel.set_xticks(range(len(values)), list(map(str, values)), fontsize=7, rotation=turned)
 
 
 @styled
