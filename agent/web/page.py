@@ -29,6 +29,7 @@ from cosim.onboard.features import distance_thresholds
 from cosim.onboard.steering import HOLD
 from cosim.physics.contact import feet_of
 from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, WORLD_CHILD
+from cosim.physics.forces import directions
 from cosim.physics.properties import GRAVITY, MU
 from cosim.simulation.batch import Batch, floor_patches
 from cosim.simulation.measures import PATH_SAMPLING_S
@@ -182,7 +183,8 @@ def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str
 
 def _html(policy: GreedyPolicy, setup: Setup, worlds: list[dict[str, Any]], seed: int) -> str:
     scenario, robot, cell_m = setup.scenario, setup.config.robot, setup.scenario.cell_m
-    places = [mount.place_m[:2] for mount in mounts_of(robot)]
+    mounts = mounts_of(robot)
+    motors = [(mount.place_m[:2], *directions(mount.axis)) for mount in mounts]
     soles = [(foot.x_m, foot.y_m) for foot in feet_of(robot)]
     data = {
         "scenario": {
@@ -196,7 +198,7 @@ def _html(policy: GreedyPolicy, setup: Setup, worlds: list[dict[str, Any]], seed
             "maps": _maps(policy),
         },
         "machine": {
-            "motors": list(zip(motor_names(len(places)), places, strict=True)),
+            "motors": [(n, *m) for n, m in zip(motor_names(len(motors)), motors, strict=True)],
             "feet": list(zip(feet_names(len(soles)), soles, strict=True)),
         },
         "seed": seed,
@@ -212,13 +214,14 @@ def _html(policy: GreedyPolicy, setup: Setup, worlds: list[dict[str, Any]], seed
             f"{'One robot' if one else f'{scenario.robots} robots'} of "
             f"{100.0 * scenario.diameter_m:.2g} cm drive{'s' * one} across a board of {wide} × "
             f"{high} cm to {'its target' if one else 'their targets'}, moved by nothing but the "
-            f"vibration of {len(places)} motors in each robot."
+            f"vibration of {len(motors)} motors in each robot."
         ),
         "about": (
             f"The policy is by the method {html.escape(policy.config.method)}. An episode is that "
             "of <code>minirobots run</code> with its seed and the options of this page, in every "
-            "bit: the same code, compiled to WebAssembly. Another friction or noise leaves set "
-            "points as they are."
+            "bit: the same code, compiled to WebAssembly. With less friction robots slide further "
+            "in every turn of their motors, whose speeds are those for the friction of the world, "
+            "and drive faster; with more of it they are slower."
         ),
         "style": _text("style.css"),
         "worker": "\n".join(map(_text, _WORKER)),

@@ -152,7 +152,8 @@ def draw_learning_curves(
             _draw_pair(pair, variant, prefix, variant.label)
         pair[0].set_title(title, loc="left")
         pair[0].set(ylabel="success in %", ylim=(-3, 103))
-        pair[1].set_ylabel("path length in cm")
+        longest = max(np.nanmax(np.array(line.get_ydata())) for line in pair[1].lines)
+        pair[1].set(ylabel="path length in cm", ylim=(0.0, 1.2 * longest))
     if reference:
         _draw_differences(axes["difference"], variants, reference)
     for name in places[-1]:

@@ -25,7 +25,8 @@ class Figures(Command):
     speed loop and fig07 its response, fig08 learning of one robot, fig09 its paths, fig10
     coefficient c, fig11 learning of pairs, fig12 their paths, motor_cycle forces over a turn,
     obstacles and groups scenarios of this project, path_ratio paths compared with the optimum,
-    sequel learning of groups, transfer success in co-simulation by training method. A figure
+    sequel learning of groups, transfer success in co-simulation by training method, values what one
+    robot has learnt. A figure
     without results is left out, and the command that makes them is printed.
     """
 

@@ -2,6 +2,7 @@
 const COLOURS = ["#1f83d6", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#8c564b", "#7f7f7f",
   "#5e3c99", "#3a7d00", "#e7298a", "#008b8b", "#a6761d", "#6a5acd", "#c23b22", "#4a6fa5"];
 const EIGHTH = Math.PI / 4, FONT = "px system-ui, sans-serif";
+const MOTOR = 0.2; // radius of a motor over that of the robot
 const MARGINS = [26, 10, 10, 34]; // left, right, top, bottom, for the scale of the board, px
 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -47,8 +48,10 @@ class Board {
 
   // The largest scale with which the board fits into its place and on the screen, and its origin.
   fit() {
-    const [wide, high] = this.size, width = this.canvas.clientWidth, { diameter_m, cell_m } = this.scenario;
-    const out = ((width / (wide + diameter_m)) * (diameter_m - cell_m)) / 2; // of a robot on an outer cell, px
+    const [wide, high] = this.size, width = this.canvas.clientWidth, { diameter_m } = this.scenario;
+    const parts = [...this.machine.motors, ...this.machine.feet].map(([, place]) => Math.hypot(...place) + MOTOR * diameter_m / 2);
+    const reach = Math.max(diameter_m / 2, ...parts); // of a robot on the edge, with all its parts
+    const out = (width / (wide + 2 * reach)) * reach + 2; // px
     const [left, right, top, bottom] = MARGINS.map((least) => Math.max(least, out));
     this.scale = Math.min((width - left - right) / wide, (0.86 * window.innerHeight - top - bottom) / high);
     const height = Math.round(this.scale * high + top + bottom);
@@ -56,7 +59,7 @@ class Board {
     this.origin = [left + (width - left - right - this.scale * wide) / 2, height - bottom];
   }
 
-  draw(robots, { map, trails, selected, downhill }) {
+  draw(robots, { map, trails, selected, downhill, dragged }) {
     this.fit();
     const [g] = cleared(this.canvas);
     this.g = g;
@@ -72,6 +75,7 @@ class Board {
     if (trails) this.trails.forEach((trail, i) => this.line(trail, COLOURS[i], 1.5));
     robots.forEach(({ moving, x, y, goal }, i) => moving && this.line([[x, y], goal], COLOURS[i], 2, [4, 4]));
     robots.forEach((robot, i) => this.drawRobot(robot, i, i === selected));
+    if (dragged?.to) this.drawGhost(dragged);
     g.restore();
   }
 
@@ -182,9 +186,17 @@ class Board {
     this.text("downhill", wide, high, { by: [-6, 4], align: "right", base: "top" });
   }
 
+  // Where a robot would be put.
+  drawGhost({ robot, to }) {
+    Object.assign(this.g, { strokeStyle: COLOURS[robot], lineWidth: 2 / this.scale });
+    this.g.setLineDash([6 / this.scale]);
+    this.disc(...to, this.scenario.diameter_m / 2, "stroke");
+    this.g.setLineDash([]);
+  }
+
   drawRobot({ x, y, heading, theta }, i, selected) {
     const { g } = this, { motors, feet } = this.machine, radius = this.scenario.diameter_m / 2;
-    const motor = 0.2 * radius, foot = 0.12 * radius;
+    const motor = MOTOR * radius, foot = 0.12 * radius;
     g.save();
     g.translate(x, y);
     g.rotate(heading);
@@ -198,9 +210,10 @@ class Board {
     for (const [, place] of feet) g.fillRect(place[0] - foot / 2, place[1] - foot / 2, foot, foot);
     for (const [, place] of motors) this.disc(...place, motor, "stroke");
     g.fillStyle = COLOURS[i];
-    motors.forEach(([, place], k) => {
-      const [across, up] = [Math.sin(theta[k]), Math.cos(theta[k])].map((part) => 0.65 * motor * part);
-      this.disc(place[0] - across, place[1] - up, 0.45 * motor, "fill");
+    motors.forEach(([, place, hanging, later], k) => {
+      const [c, s] = [Math.cos(theta[k]), Math.sin(theta[k])], at = hanging.map((part, axis) => c * part + s * later[axis]);
+      g.globalAlpha = at[2] < 0 ? 0.5 : 1; // below the shaft
+      this.disc(place[0] + 0.65 * motor * at[0], place[1] + 0.65 * motor * at[1], 0.45 * motor, "fill");
     });
     g.restore();
     this.text(`${i + 1}`, x, y, { colour: css("--text"), font: "600 13" });

@@ -44,7 +44,12 @@ const take = {
   },
   placed(message) {
     moved = true;
+    say("");
     jump(message.frames);
+  },
+  refused({ robot, x, y }) {
+    const at = [x, y].map((part) => (100 * part).toFixed(1)).join(", ");
+    say(`There is no room for robot ${robot + 1} at ${at} cm; it stays where it is`);
   },
   step(message) {
     asked = false;
@@ -69,15 +74,22 @@ function reach() {
   plots.forEach(([name, plot]) => plot.add(time, robots.map((robot) => robot[name])));
   if (outcome || (single && end)) setPlaying(false);
   $("step").disabled = Boolean(outcome);
-  $("outcome").textContent = data.outcomes[outcome ?? 0] + (moved ? ", changed by hand" : "");
+  tell();
   const at = robots.map((r, i) => `robot ${i + 1} at ${(100 * r.x).toFixed(0)}, ${(100 * r.y).toFixed(0)} cm`).join("; ");
   if (end) $("board").setAttribute("aria-label", `Board from above. ${at}. Arrow keys move robot ${selected + 1}`);
+}
+
+// How the episode is going.
+function tell() {
+  const { time, outcome } = frames[0], going = playing || time > 0 ? data.outcomes[0] : "ready";
+  $("outcome").textContent = (outcome ? data.outcomes[outcome] : going) + (moved ? ", changed by hand" : "");
 }
 
 function setPlaying(plays) {
   playing = plays;
   single &&= plays;
   $("play").textContent = plays ? "Pause" : "Play";
+  if (frames.length) tell();
 }
 
 // Let time pass, and have the worker compute what comes next.
@@ -112,7 +124,7 @@ function draw() {
   requestAnimationFrame(draw);
   if (!frames.length) return;
   advance();
-  board.draw(between(), { map: $("map").checked, trails: $("trails").checked, selected, downhill });
+  board.draw(between(), { map: $("map").checked, trails: $("trails").checked, selected, downhill, dragged });
   plots.forEach(([, plot]) => plot.draw(selected));
   $("time").textContent = `${clock.toFixed(1)} s`;
   $("path").textContent = `${(100 * frames[0].robots[selected].path).toFixed(1)} cm`;
@@ -193,11 +205,15 @@ function listen() {
     dragged = { robot, from: [event.clientX, event.clientY] };
   };
   $("board").onpointermove = (event) => {
-    if (!dragged || Math.hypot(event.clientX - dragged.from[0], event.clientY - dragged.from[1]) < 4) return;
-    dragged.from = [-1e9, 0]; // no click any more
-    place(dragged.robot, ...board.placeOf(event));
+    if (!dragged || (!dragged.to && Math.hypot(event.clientX - dragged.from[0], event.clientY - dragged.from[1]) < 4)) return;
+    setPlaying(false);
+    dragged.to = board.placeOf(event);
   };
-  $("board").onpointerup = $("board").onpointercancel = () => (dragged = null);
+  $("board").onpointerup = () => {
+    if (dragged?.to) place(dragged.robot, ...dragged.to);
+    dragged = null;
+  };
+  $("board").onpointercancel = () => (dragged = null);
   const hold = (event) => touched(event.touches[0]) >= 0 && event.preventDefault(); // no scrolling
   $("board").addEventListener("touchstart", hold, { passive: false });
   $("board").onkeydown = (event) => {
@@ -218,20 +234,21 @@ function listen() {
   });
 }
 
-// The explanation is open on the first visit.
+// The explanation is open on the first visit where there is room next to the board.
 function explain() {
+  let known = false;
   try {
-    $("explained").open = !localStorage.getItem("minirobots-explained");
+    known = localStorage.getItem("minirobots-explained");
     localStorage.setItem("minirobots-explained", "yes");
-  } catch {
-    $("explained").open = true; // a browser that keeps nothing of a file's
-  }
+  } catch {} // a browser that keeps nothing of a file's
+  $("explained").open = !known && matchMedia("(min-width: 860px)").matches;
 }
 
 // What is shown, for tests.
 window.shown = () => {
   const { time, outcome } = frames.at(-1), { scale, origin } = board;
-  return { robots: between().map(({ x, y }) => [x, y]), time: clock, ahead: time - clock, ends: Boolean(outcome), scale, origin };
+  const robots = between(), theta = robots.map((robot) => robot.theta), headings = robots.map((robot) => robot.heading);
+  return { robots: robots.map(({ x, y }) => [x, y]), theta, headings, time: clock, ahead: time - clock, ends: Boolean(outcome), scale, origin };
 };
 
 // An episode as fast as it goes: how it ended, and positions at the end of every RL step.

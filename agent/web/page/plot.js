@@ -1,5 +1,6 @@
 // A plot of some signals over the last seconds.
 const KEPT = 400; // points
+const LEAST = 0.01; // smaller values are 0: in the unit, and as a share of the range
 const VALUES = 46; // px on the left for values
 
 // Three digits, as people read them.
@@ -30,7 +31,8 @@ class Plot {
   draw(robot) {
     const [g, width, height] = cleared(this.canvas), all = this.points.flatMap((p) => p.of[robot]);
     let [low, high] = [Math.min(0, ...all), Math.max(0, ...all)];
-    if (low === high) high = low + 1;
+    if (high - low < LEAST) [low, high] = [0, 1];
+    [low, high] = [low, high].map((end) => (Math.abs(end) < LEAST * (high - low) ? 0 : end)); // of motors at rest
     const first = this.points[0]?.time ?? 0, last = Math.max(this.points.at(-1)?.time ?? 1, first + 1);
     const x = (time) => VALUES + ((time - first) / (last - first)) * (width - VALUES - 4);
     const y = (value) => 6 + ((high - value) / (high - low)) * (height - 24);

@@ -27,6 +27,7 @@ const actions = {
   },
   place({ robot, x, y, time }) {
     if (episode.place(robot, x, y, time)) post("placed", { frames: episode.still() });
+    else post("refused", { robot, x, y });
   },
   // The rest of an episode as fast as it goes, with the positions at the end of every RL step.
   record() {

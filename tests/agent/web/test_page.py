@@ -191,6 +191,7 @@ def test_friction_and_noise_change_an_episode_as_in_the_co_simulation(written):
 def test_page_is_played_by_keys_on_a_phone(browser, written, scheme):
     size = {"width": 390, "height": 844}
     page, said = opened(browser, written("pair")[0], viewport=size, color_scheme=scheme)
+    assert not page.is_visible("#explained p")
     page.keyboard.press(".")
     page.wait_for_function(f"{TIME} === '2.0 s'")
     page.keyboard.press("+")
@@ -221,7 +222,7 @@ def test_page_is_played_by_keys_on_a_phone(browser, written, scheme):
 def test_page_explains_itself_on_the_first_visit_and_to_screen_readers(browser, written):
     page, said = opened(browser, written("pair")[0])
     assert "2 robots of 5 cm drive across a board of 30 × 30 cm" in page.inner_text("header p")
-    assert page.is_visible("#explained p")
+    assert page.is_visible("#explained p")  # on a phone it is folded: plots are near the board
     page.reload()
     page.wait_for_function(LOADED)
     assert not page.is_visible("#explained p")
@@ -231,36 +232,6 @@ def test_page_explains_itself_on_the_first_visit_and_to_screen_readers(browser, 
     assert re.match(
         r"Board from above\. robot 1 at \d+, \d+ cm", page.get_attribute("#board", "aria-label")
     )
-    assert said == []
-
-
-def test_robots_are_dragged_to_where_there_is_room(browser, written):
-    page, said = opened(browser, written("pair")[0], viewport={"width": 1200, "height": 900})
-    page.wait_for_function("shown().scale")
-    shown, box = page.evaluate("shown()"), page.locator("#board").bounding_box()
-    before, scale, (left, bottom) = shown["robots"], shown["scale"], shown["origin"]
-
-    def pixel(x, y):
-        return box["x"] + left + x * scale, box["y"] + bottom - y * scale
-
-    page.mouse.move(*pixel(*before[0]))
-    page.mouse.down()
-    page.mouse.move(*pixel(0.15, 0.2), steps=2)
-    page.mouse.move(*pixel(*before[1]))  # where the other robot is
-    page.mouse.up()
-    page.wait_for_function("document.getElementById('outcome').textContent.includes('by hand')")
-    after = page.evaluate("shown().robots")
-    assert after[0] != before[0]
-    assert math.dist(after[0], after[1]) > 0.05
-    assert after[1] == before[1]
-    page.focus("#board")
-    page.keyboard.press("ArrowUp")
-    page.wait_for_function(f"Math.abs(shown().robots[0][1] - {after[0][1] + 0.01}) < 1e-9")
-    page.keyboard.press(".")  # it continues from there
-    page.wait_for_function(f"{TIME} === '2.0 s'")
-    page.keyboard.press("r")
-    page.wait_for_function("document.getElementById('outcome').textContent === 'running'")
-    assert page.evaluate("shown().robots") == before
     assert said == []
 
 
@@ -283,7 +254,7 @@ def test_changes_act_on_the_moment_that_is_shown(browser, written):
     page.focus("#board")
     for last, speed in (("false", "10"), ("true", "60")):  # the worker has computed the end then
         page.keyboard.press("r")
-        page.wait_for_function("document.getElementById('outcome').textContent === 'running'")
+        page.wait_for_function("document.getElementById('outcome').textContent === 'ready'")
         page.select_option("#speed", speed)
         before = page.evaluate(PAUSED % last)
         assert before["ahead"] > 0.5

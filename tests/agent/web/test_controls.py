@@ -1,0 +1,121 @@
+"""The page's own controls, by clicks in Chromium; skipped without a browser, except in CI."""
+
+import math
+import os
+import shutil
+
+import numpy as np
+import pytest
+from playwright.sync_api import sync_playwright
+
+from agent.web.page import write_page
+from cosim.model.params import TABLE_I, mounts_of
+from cosim.model.scenario import Scenario
+from cosim.physics.forces import directions
+from cosim.simulation.options import SimulationOptions
+
+PROGRAM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+# The first robot is a cell from its target, and the second one drives for long.
+BOARD = Scenario("near", "", ((9, 20), (22, 13)), (((9, 21),), ((27, 4),)))
+PATCH = "[world]\nmu_patches = [{cells = [20, 0, 29, 12], mu = 0.05}]\n"
+# Keeps what the page tells its worker, and the texts and discs of the last picture of the board, in
+# pixels of the canvas.
+WATCHED = """
+window.told = []; window.texts = []; window.discs = [];
+const post = Worker.prototype.postMessage, kind = CanvasRenderingContext2D.prototype;
+Worker.prototype.postMessage = function (m) { told.push(m); post.call(this, m); };
+for (const [name, kept] of [["fillText", "texts"], ["arc", "discs"]]) {
+  const draw = kind[name];
+  kind[name] = function (...given) {
+    const { a, b, c, d, e, f } = this.getTransform(), [x, y] = name === "arc" ? given : [0, 0];
+    const at = [a * x + c * y + e, b * x + d * y + f];
+    if (this.canvas.id === "board") window[kept].push([given, ...at]);
+    draw.apply(this, given);
+  };
+}
+const clear = kind.clearRect;
+kind.clearRect = function (...box) {
+  if (this.canvas.id === "board") [window.texts, window.discs] = [[], []];
+  clear.apply(this, box);
+};
+"""
+OUTCOME = "document.getElementById('outcome').textContent"
+
+
+@pytest.mark.skipif(PROGRAM is None and "CI" not in os.environ, reason="no browser is installed")
+def test_controls_do_what_they_say(tmp_path):
+    (tmp_path / "patch.toml").write_text(PATCH)
+    out, worlds = tmp_path / "page.html", [str(tmp_path / "patch.toml")]
+    write_page(out, BOARD, SimulationOptions(), method="shortest", worlds=worlds)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=PROGRAM, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1200, "height": 900})
+        page.set_default_timeout(120_000)  # on a busy machine
+        page.add_init_script(WATCHED)
+        page.goto(out.as_uri())
+        page.wait_for_function("!document.getElementById('play').disabled && texts.length")
+        assert page.inner_text("#outcome") == "ready"
+        assert page.inner_text("#error") == ""
+        shown = page.evaluate("shown()")
+        scale, (left, bottom) = shown["scale"], shown["origin"]
+        box = page.locator("#board").bounding_box() or {}
+
+        def drag(*places_m):
+            for number, (x, y) in enumerate(places_m):
+                page.mouse.move(box["x"] + left + x * scale, box["y"] + bottom - y * scale, steps=3)
+                if number == 0:
+                    page.mouse.down()
+            page.mouse.up()
+
+        def after(seconds):
+            """What is shown after a time, played as fast as it goes."""
+            page.click("#play")
+            page.wait_for_function(f"shown().time >= {seconds}")
+            page.click("#play")
+            return page.evaluate("shown()")
+
+        # Targets have the numbers of their robots, and a disc is whole at the edge.
+        texts = page.evaluate("texts.map(([[words], x, y]) => [words, x, y])")
+        for number, (column, row) in enumerate(BOARD.targets, start=1):
+            place = left + 0.01 * (column + 1) * scale, bottom - 0.01 * (row + 1) * scale
+            assert any(words == str(number) and math.dist(place, at) < 1.0 for words, *at in texts)
+        page.select_option("#speed", "60")
+        own = after(8.0)
+        # Masses are where the motors' angles put them, seen from above.
+        (x, y), heading = own["robots"][1], own["headings"][1]
+        turn = np.array(
+            [[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]]
+        )
+        discs = np.array(page.evaluate("discs.map(([, x, y]) => [x, y])"))
+        for mount, theta in zip(mounts_of(TABLE_I), own["theta"][1], strict=True):
+            hanging, later = map(np.array, directions(mount.axis))
+            mass = math.cos(theta) * hanging + math.sin(theta) * later
+            at = turn @ (np.array(mount.place_m[:2]) + 0.65 * 0.2 * 0.025 * mass[:2]) + [x, y]
+            pixel = left + at[0] * scale, bottom - at[1] * scale
+            assert np.hypot(*(discs - pixel).T).min() < 0.3
+        # A robot that arrived and is put elsewhere drives again.
+        assert math.dist(own["robots"][0], (0.095, 0.205)) < 0.006
+        drag(own["robots"][0], (0.05, 0.1))
+        page.wait_for_function(f"{OUTCOME} === 'running, changed by hand'")
+        again = after(own["time"] + 8.0)
+        assert math.dist(again["robots"][0], (0.05, 0.1)) > 0.01
+        # There is no room for a robot on another one.
+        drag(*again["robots"])
+        page.wait_for_function("!document.getElementById('error').hidden")
+        assert "no room for robot 1" in page.inner_text("#error")
+        assert math.dist(page.evaluate("shown()")["robots"][0], again["robots"][0]) < 1e-3
+        # Robots drive in the world that is chosen, and with the shield if that is.
+        page.select_option("#world", "1")
+        page.wait_for_function(f"{OUTCOME} === 'ready'")
+        other = after(8.0)
+        assert math.dist(other["robots"][1], own["robots"][1]) > 0.002
+        page.evaluate("document.getElementById('with-shield').hidden = false")  # here it has none
+        page.uncheck("#shielded")
+        page.check("#shielded")
+        page.select_option("#world", "0")
+        begun = page.evaluate("told.filter((m) => m.action === 'begin')")
+        asked = [(each["world"], each["options"]["shielded"]) for each in begun]
+        assert asked == [(0, True), (1, True), (1, False), (1, True), (0, True)]
+        browser.close()
