@@ -52,6 +52,8 @@ def value_of(config: CoSimConfig, parameter: str) -> float:
     """Value of one of `PARAMETERS`, in SI units."""
     if parameter == "m r":
         return config.motor.m * config.motor.r
+    if parameter == "motor_radius_m":
+        return config.robot.motors[0].place_m[1]
     return getattr(config.robot, parameter)
 
 
@@ -70,6 +72,10 @@ def measured_sensitivities(
             omega = factor * omega_rad_s
         elif parameter == "m r":
             changed = replace(config, motor=config.motor._replace(r=factor * config.motor.r))
+        elif parameter in ("foot_radius_m", "motor_radius_m"):
+            field = "feet" if parameter == "foot_radius_m" else "motors"
+            places = {field: getattr(config.robot.spread(factor), field)}
+            changed = replace(config, robot=config.robot._replace(**places))
         else:
             value = factor * getattr(config.robot, parameter)
             changed = replace(config, robot=config.robot._replace(**{parameter: value}))

@@ -175,6 +175,6 @@ def calibrated(
         slower: limit the drive speed to the largest one without hopping, instead of refusing it.
     """
     config = with_motor(config, motor_fmu)
-    if config.robot.own_layout:
+    if not config.steering.given:
         return steered(config, find_primitives(config, motor_fmu, progress))
     return find_calibration(config, motor_fmu, progress).resolved(config, slower=slower)

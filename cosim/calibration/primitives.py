@@ -192,7 +192,7 @@ def search(
     config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
 ) -> dict[str, Primitive]:
     """Find the primitives of a machine: what it can do of DIRECTIONS, else its best try."""
-    run, motors = _Search(config, MotorFmu(motor_fmu)), config.robot.motors_count
+    run, motors = _Search(config, MotorFmu(motor_fmu)), len(config.robot.motors)
     rng = np.random.default_rng(0)
     least = np.where(np.arange(LIBRARY) % 2, SLOWEST, FAST)[:, None]
     sizes = rng.uniform(least, 1.0, (LIBRARY, motors))
@@ -283,7 +283,7 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
     for pair in (("leftwards", "rightwards"), ("left turn", "right turn")):  # share a speed
         speeds |= dict.fromkeys(pair, max(speeds[name] for name in pair))
     speeds |= dict.fromkeys(DIRECTIONS.keys() - can, 0.0)
-    none = np.zeros(config.robot.motors_count)
+    none = np.zeros(len(config.robot.motors))
     shares = (
         np.array(found[n].set_points_rad_s) / speeds[n] if n in can else none for n in DIRECTIONS
     )

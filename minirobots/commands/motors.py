@@ -186,7 +186,7 @@ class Calibrate(Command):
         out.mkdir(parents=True, exist_ok=True)
         fmu = self.physics.fmu(progress)
         config = with_motor(config, fmu)
-        if config.robot.own_layout:
+        if not config.steering.given:
             return self._primitives(config, fmu, progress)
         calibration = find_calibration(config, fmu, progress, jobs=jobs, again=self.again)
         report = report_of(calibration, config, fmu)
