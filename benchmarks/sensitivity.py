@@ -58,7 +58,7 @@ def _found(parameter: str, value: float, config: CoSimConfig, jobs: int) -> dict
     row = {"parameter": parameter, "value": value, "hop_free_rad_s": largest}
     for name, unit, usual in (
         ("forwards", "m_s", STEERING.forward_speed_rad_s),
-        ("left", "rad_s", STEERING.turn_speed_rad_s),
+        ("left_turn", "rad_s", STEERING.turn_speed_rad_s),
     ):
         curve = calibration.curve(name)
         for when, omega_rad_s in (("", usual), ("largest_", largest)):

@@ -107,7 +107,7 @@ def draw_primitives(found: Mapping[str, Primitive], robot: RobotParams) -> Figur
     for name, primitive in found.items():
         if able(primitive, name, reach_m):
             path = 1e3 * _path(primitive, reach_m)
-            axes.plot(*path.T, linewidth=2.0, label=name)
+            axes.plot(*path.T, linewidth=2.0, label=name.replace("_", " "))
     axes.autoscale(axis="x")
     axes.set_title(f"where primitives take the front in {DRIVEN_S:g} s", loc="left")
     axes.set(xlabel="x ahead in mm", ylabel="y to the left in mm")

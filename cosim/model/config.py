@@ -267,6 +267,8 @@ class CoSimConfig:
         It is `timing.move_limit_s`, and longer in proportion where moves need longer than those of
         the paper's robot on its cells.
         """
+        if not self.steering.given:  # motors get set points: there are no moves
+            return self.timing.move_limit_s
         usual_s = _longest_move_s(params.STEERING, Scenario.cell_m)
         share = _longest_move_s(self.steering, cell_m) / usual_s
         return self.timing.move_limit_s * max(1.0, share)
@@ -302,9 +304,13 @@ class CoSimConfig:
         The largest one is the share of the top speed that it is for the paper's robot; the scales
         of velocities are that robot's.
         """
-        share = self.top_speed_rad_s / CoSimConfig().top_speed_rad_s
-        most = params.STEERING.max_speed_rad_s * share
-        return self.having("computed: in proportion to the top speed", max_speed_rad_s=most)
+        usual, share = params.STEERING, self.top_speed_rad_s / CoSimConfig().top_speed_rad_s
+        scales = {n: getattr(usual, n) for n in ("drive_speed_m_s", "turn_rate_rad_s")}
+        most = tree_of(
+            "computed: in proportion to the top speed",
+            max_speed_rad_s=usual.max_speed_rad_s * share,
+        )
+        return self.merged(most, tree_of("as of the paper's robot", **scales))
 
     @property
     def voltage_driven(self) -> bool:
@@ -372,8 +378,12 @@ def proportional(steering: params.SteeringParams, share: float) -> Tree:
 
 
 def not_calibrated(motors: int) -> Tree:
-    """Return the steering of a machine whose shares are to be found, which moves no motor."""
-    speeds = dict.fromkeys((n for n in _STEERING if n.endswith("_speed_rad_s")), 0.0)
+    """Return the steering of a machine whose shares are to be found, which moves no motor.
+
+    It asks for no speed: the machine drives and turns as its primitives are found.
+    """
+    names = [n for n in _STEERING if n.endswith("_speed_rad_s")]
+    speeds = dict.fromkeys((*names, "drive_speed_m_s", "turn_rate_rad_s"), 0.0)
     shares = (params.MotorShares(),) * motors
     drives = (params.Drive(difference=(0.0,) * motors),) * 4
     return tree_of("not calibrated", **speeds, shares=shares, drives=drives)

@@ -53,10 +53,8 @@ FIELDS = {
 _TABLES = ("motors", "shares", "feet")  # of `[[motor]]` and `[[foot]]`
 _WEIGHED = tree_of("as weighed", masses_included=True)  # unless a file says otherwise
 OF_LOOP = "K_p", "K_i", "relative_amplitude"  # what has an effect in the speed loop alone
-SHOWN = {  # names of parameters that files and options have others for
-    "relative_amplitude": "motor_speed_noise (--noise)",
-    "drive_speed_m_s": "drive_speed_m_s (--speed)",
-}
+# Names of parameters that files and options have others for
+SHOWN = {"relative_amplitude": "motor_speed_noise (--noise)"}
 PLANE_M = 1e-6  # heights of feet that differ by less are one: see docs/physics.md
 _USUAL = TABLE_II._asdict()
 _FOLDER = Path(__file__).parent
@@ -92,12 +90,12 @@ class Preset(NamedTuple):
         )
         share = lift_off_speed(robot, motor) / lift_off_speed(TABLE_I, TABLE_II)
         steering = {} if share == 1.0 else proportional(STEERING, share)
-        if _to_be_found(tree):
-            steering = not_calibrated(len(robot.motors))
-        elif "shares" in tree:
+        if "shares" in tree:
             shares, source = tree["shares"]
             drive = Drive(difference=tuple(own.left_turn for own in shares))
             steering |= tree_of(source, drives=(drive,) * 4)
+        elif not tree.keys().isdisjoint({"motors", "feet"}):
+            steering = not_calibrated(len(robot.motors))
         return CoSimConfig(preset=self.name).merged(steering, tree)
 
     def _require_effect(self, tree: Mapping[str, tuple[Any, str]]) -> None:
@@ -105,21 +103,11 @@ class Preset(NamedTuple):
         mounts, _ = tree.get("motors", ((), ""))
         own = [dict(mount.own) for mount in mounts]
         stated = {*tree}.union(*own)
-        for holds, where, fields in (
-            (
-                _to_be_found(tree),
-                "where set points are found",
-                ("drive_speed_m_s", "turn_rate_rad_s"),
-            ),
-            (
-                tree.get("pulse_s", (0.0,))[0],
-                "where motors are pulsed, which have no speed loop",
-                OF_LOOP,
-            ),
-        ):
-            if void := [field for field in fields if holds and field in stated]:
+        for field in OF_LOOP if tree.get("pulse_s", (0.0,))[0] else ():
+            if field in stated:
                 raise UserError(
-                    f"{SHOWN.get(void[0], void[0])} has no effect {where}; leave it out"
+                    f"{SHOWN.get(field, field)} has no effect where motors are pulsed, which have "
+                    "no speed loop; leave it out"
                 )
         for name, (value, _) in tree.items():
             theirs = [each[name] for each in own if name in each]
@@ -294,11 +282,6 @@ def _shares(tables: list[_Component]) -> tuple[MotorShares, ...] | None:
         values = [table.get(name, 0.0) for name in MotorShares._fields]
         found.append(validate_argument(f"motor[{k}].shares", values, MotorShares))
     return tuple(found)
-
-
-def _to_be_found(tree: Mapping[str, tuple[Any, str]]) -> bool:
-    """Return whether the shares of motors are to be found, because a file has no such thing."""
-    return "shares" not in tree and not tree.keys().isdisjoint({"motors", "feet"})
 
 
 def _feet(tables: list[_Component]) -> tuple[Any, str]:

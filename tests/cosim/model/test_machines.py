@@ -84,8 +84,6 @@ def test_vertical_shafts_lift_nothing():
         (MOTOR + SHARES + MOTOR, "motor[1] states no shares, but others do"),
         (MOTOR + "shares = {ahead = 1.0}\n", "motor[0].shares.ahead is unknown; choose one of"),
         (MOTOR + SHARES.replace("1.0", "2.0"), "motor[0].shares"),
-        ("[drive]\ndrive_speed_m_s = 0.002\n" + FEET, "drive_speed_m_s (--speed) has no effect"),
-        ("[drive]\nturn_rate_rad_s = 0.1\n" + MOTOR, "turn_rate_rad_s has no effect"),
         ("[drive]\npause_s = 0.01\n", "pause_s = 0.01 has no effect without pulses"),
         ("[drive]\npulse_s = 0.0304\n", "pulse_s = 0.0304 s is not a whole multiple of control"),
         ("[drive]\npulse_s = 0.0004\n", "pulse_s = 0.0004 s is not a whole multiple of control"),
