@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.progress import Progress, silent
-from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached
+from cosim.calibration.measured import LOAD, key_of
 from cosim.calibration.primitives import find_primitives, steered
 from cosim.calibration.speed_map import (
     BOUNCING_SHARE,
@@ -28,7 +28,6 @@ from cosim.calibration.trial import FALLEN, Trial, mean_motion, without_falls
 from cosim.coupling.signals import Samples
 from cosim.fmi.motor import MotorFmu, with_motor
 from cosim.model.config import CoSimConfig
-from fmus.build import identity_of_fmu
 
 VERSION = 4  # of calibrations: raise it when their bits change
 
@@ -157,24 +156,9 @@ def measure_batch(
 
 
 def digest(config: CoSimConfig, motor_fmu: Path) -> str:
-    """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise."""
-    timing = config.timing
-    clock = (timing.dt_s, timing.communication_step_s, timing.control_period_s)
-    pulses = config.steering.pulse_s, config.steering.pause_s
-    further = [given for given in config.motor_parameters if given[0] not in config.motor._fields]
-    return digest_of(
-        config.robot,
-        config.motor,
-        config.noise,
-        clock,
-        config.steering.dither_rad_s,
-        config.reaction,
-        (config.world.restitution or 0.0, config.world.payload_g, config.world.payload_offset_mm),
-        identity_of_fmu(motor_fmu),
-        VERSION,
-        *([further] if further else []),
-        *([pulses] if any(pulses) else []),
-    )
+    """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise, load."""
+    driven = ("dither_rad_s", "pulse_s", "pause_s", "shares", "drives")
+    return key_of("calibration", VERSION, config, motor_fmu, world=LOAD, steering=driven)
 
 
 def find_calibration(

@@ -16,8 +16,7 @@ import numpy as np
 from cosim.base.command import workers
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
-from cosim.base.provenance import digest_of
-from cosim.base.storage import cache_dir, cached, write_json
+from cosim.calibration.measured import LOAD, key_of, measured
 from cosim.calibration.speed_map import DIRECTIONS, DRIVES, LEAST_M_S
 from cosim.calibration.trial import FALLEN, Trial, mean_motion, without_falls
 from cosim.coupling.master import FallError
@@ -26,7 +25,6 @@ from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import Drive, MotorShares
 from cosim.physics.trig import normals
-from fmus.build import identity_of_fmu
 
 VERSION = 4  # of primitives: raise it when their bits change
 
@@ -213,19 +211,10 @@ def find_primitives(
     config: CoSimConfig, motor_fmu: Path, progress: Progress = silent, *, again: bool = False
 ) -> dict[str, Primitive]:
     """The primitives of a configuration: found in the cache, or searched for and kept there."""
-    timing, steering = config.timing, config.steering
-    clock = timing.dt_s, timing.communication_step_s, timing.control_period_s
-    world = config.world.restitution or 0.0, config.world.payload_g, config.world.payload_offset_mm
-    pulses, fmu = (steering.pulse_s, steering.pause_s), identity_of_fmu(motor_fmu)
-    further = config.motor_parameters, config.noise, config.reaction, config.open_loop
-    key = digest_of(config.robot, config.motor, clock, world, pulses, fmu, further, VERSION)
-    return cached(
-        cache_dir("calibrations") / f"{key}.json",
-        lambda path: msgspec.json.decode(path.read_bytes(), type=dict[str, Primitive]),
-        lambda: search(config, motor_fmu, progress),
-        lambda found, path: write_json(path, found),
-        again=again,
-    )
+    pulses = ("pulse_s", "pause_s")
+    key = key_of("primitives", VERSION, config, motor_fmu, world=LOAD, steering=pulses)
+    make = partial(search, config, motor_fmu, progress)
+    return measured(key, dict[str, Primitive], make, again=again)
 
 
 def primitive_rows(found: dict[str, Primitive], config: CoSimConfig) -> list[tuple[str, ...]]:
