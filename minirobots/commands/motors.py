@@ -168,7 +168,8 @@ class Calibrate(Command):
     """
 
     out: opt.Folder = Path("runs/calibration")
-    """Output folder: calibration.npz, .json and .png; primitives.json and .png if they are found."""
+    """Output folder: calibration.npz, .json and .png, and primitives.json and .png if they are
+    found."""
     again: bool = False
     """Measure even if the cache has this calibration."""
     jobs: opt.Jobs = -1
