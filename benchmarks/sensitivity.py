@@ -15,7 +15,7 @@ import numpy as np
 from cosim.base.command import Checked, Jobs
 from cosim.calibration.measuring import find_calibration
 from cosim.model.config import CoSimConfig
-from cosim.model.params import STEERING
+from cosim.model.params import STEERING, RobotParams
 from cosim.model.world import World
 from fmus.build import cached_fmu
 
@@ -38,11 +38,18 @@ def measure(options: Options) -> dict[str, Any]:
         ("restitution", value, default.in_world(World(restitution=value))) for value in RESTITUTIONS
     ]
     cases += [
-        (name, value, CoSimConfig(robot=default.robot._replace(**{name: value})))
+        (name, value, CoSimConfig(robot=_changed(default.robot, name, value)))
         for name, values in ROBOTS.items()
         for value in values
     ]
     return {"rows": [_found(*case, options.jobs) for case in cases]}
+
+
+def _changed(robot: RobotParams, name: str, value: float) -> RobotParams:
+    """Return a robot with another value of one of ROBOTS."""
+    if name == "foot_radius_m":
+        return robot._replace(feet=robot.spread(value / robot.foot_radius_m).feet)
+    return robot._replace(**{name: value})
 
 
 def _found(parameter: str, value: float, config: CoSimConfig, jobs: int) -> dict[str, Any]:
@@ -51,7 +58,7 @@ def _found(parameter: str, value: float, config: CoSimConfig, jobs: int) -> dict
     row = {"parameter": parameter, "value": value, "hop_free_rad_s": largest}
     for name, unit, usual in (
         ("forwards", "m_s", STEERING.forward_speed_rad_s),
-        ("left", "rad_s", STEERING.turn_speed_rad_s),
+        ("left_turn", "rad_s", STEERING.turn_speed_rad_s),
     ):
         curve = calibration.curve(name)
         for when, omega_rad_s in (("", usual), ("largest_", largest)):

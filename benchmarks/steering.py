@@ -17,10 +17,9 @@ from cosim.base.errors import UserError
 from cosim.calibration.measuring import calibrated
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.params import STEERING, TABLE_I, mounts_of
+from cosim.model.params import STEERING, TABLE_I
 from cosim.model.preset import Preset
 from cosim.model.world import World, tree_of
-from cosim.physics.contact import feet_of
 from fmus.build import cached_fmu
 from tests.references.lines import Runs, drive_line
 
@@ -71,7 +70,7 @@ CONTROLLERS: dict[str, CoSimConfig] = {
     "neither": CoSimConfig(open_loop=("motors", "heading")),
     # The same robot with its motors and feet listed, so that set points are found for it.
     "found, no course": Preset(
-        tree=tree_of("Fig. 4b", motors=mounts_of(TABLE_I), feet=feet_of(TABLE_I))
+        tree=tree_of("Fig. 4b", motors=TABLE_I.motors, feet=TABLE_I.feet)
     ).config(tree_of("benchmark", open_loop=("heading",))),
 }
 # Single moves: length in cells, and angle between the robot's axis and the line in degrees.
@@ -110,7 +109,7 @@ def measure(options: Options) -> dict[str, Any]:
     for case, (length_m, angle_rad) in cases.items():
         for name in chosen:
             config = CONTROLLERS[name].in_world(world)
-            if config.robot.own_layout:
+            if not config.steering.given:
                 config = calibrated(config, cached_fmu())
             runs = drive_line(fmu, config, length_m, angle_rad, seeds, seed=0)
             rows.append({"case": case, "controller": name, **figures(runs)})

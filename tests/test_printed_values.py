@@ -14,7 +14,7 @@ from tests.fmus.starts import motor_starts
 
 TABLE_1 = {
     "mass_kg": 0.1, "diameter_m": 0.05, "height_m": 0.045,
-    "motor_diameter_m": 0.0044, "motor_length_m": 0.0102, "motor_axis_height_m": 0.003,
+    "motor_diameter_m": 0.0044, "motor_length_m": 0.0102,
 }  # fmt: skip
 TABLE_2 = {
     "m": 0.00021, "r": 0.00177, "K_T": 3.64e-4, "J": 2.67e-9, "R": 10.7, "b": 2.94e-9,
@@ -24,6 +24,7 @@ TABLE_2 = {
 
 def test_tables_1_and_2():
     assert {name: getattr(TABLE_I, name) for name in TABLE_1} == TABLE_1
+    assert {mount.place_m[2] for mount in TABLE_I.motors} == {0.003}  # height of their axes
     assert TABLE_II._asdict() == TABLE_2
     assert (FIG_7.omega_des, FIG_7.d) == (700.0, 1e-6)
     starts = motor_starts()

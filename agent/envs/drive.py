@@ -162,7 +162,7 @@ class DriveBoards(DynamicsBoards):
         self._rows = Driven._make(np.zeros((rows, *size)) for size in sizes)
 
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
-        motors = self._config.robot.motors_count
+        motors = len(self._config.robot.motors)
         size = 11 + motors + 2 * (self.scenario.robots > 1) + 5 * self._context
         observation = spaces.Box(-_LIMIT, _LIMIT, (size,), np.float32)
         actions = size_of_action(self._config, self._calibrated)
@@ -368,7 +368,7 @@ class DriveEnv(SingleEnv):
 
 def size_of_action(config: CoSimConfig, velocity: bool) -> int:
     """Return how many numbers command a robot: velocity and yaw rate, or one for each motor."""
-    return 2 if velocity else config.robot.motors_count
+    return 2 if velocity else len(config.robot.motors)
 
 
 def checked_actions(actions: Any, shape: tuple[int, int]) -> np.ndarray:

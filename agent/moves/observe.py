@@ -19,15 +19,14 @@ from agent.moves.model import NO_DIRECTION, Move, ObservedMoves, move_kind
 from agent.moves.worlds import WorldRange, draw_world
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
-from cosim.base.provenance import digest_of
 from cosim.base.storage import cache_dir, cached
+from cosim.calibration.measured import key_of
 from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS, Observation
 from cosim.onboard.steering import DRIVE, HOLD, PAST
 from cosim.simulation.batch import Batch
-from fmus.build import identity_of_fmu
 
 VERSION = 3  # of observed moves: raise it when their bits change
 
@@ -124,7 +123,7 @@ class _Walker:
 
 def source_digest(config: CoSimConfig, fmu: Path, worlds: WorldRange | None = None) -> str:
     """Hash (16 hex digits) of the parameters, motor FMU and worlds that moves depend on."""
-    return digest_of(config.unsourced, identity_of_fmu(fmu), worlds, VERSION)
+    return key_of("moves", VERSION, config, fmu, worlds)
 
 
 def observe_moves(

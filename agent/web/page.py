@@ -22,12 +22,11 @@ from cosim.base.progress import Progress, silent, under_way
 from cosim.base.storage import require_suffix, write_whole
 from cosim.fmi.calls import Addresses
 from cosim.model.outcome import BY_RANK
-from cosim.model.params import feet_names, motor_names, mounts_of
+from cosim.model.params import feet_names, motor_names
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import ROUGH
 from cosim.onboard.features import distance_thresholds
 from cosim.onboard.steering import HOLD
-from cosim.physics.contact import feet_of
 from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, WORLD_CHILD
 from cosim.physics.forces import directions
 from cosim.physics.properties import GRAVITY, MU
@@ -135,7 +134,7 @@ def _begin(policy: GreedyPolicy, setup: Setup, seed: int) -> tuple[Batch, Play, 
 def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str, Any]:
     """Return a world of a page: kernels, the memory that they begin with, and what is in it."""
     scenario, config, _ = setup
-    n, motors, feet = scenario.robots, config.robot.motors_count, config.robot.feet_count
+    n, motors, feet = scenario.robots, len(config.robot.motors), len(config.robot.feet)
     batch, play, module = _begin(policy, setup, seed)
     instance = batch.driver.motors.array
     assert instance is not None
@@ -183,9 +182,8 @@ def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str
 
 def _html(policy: GreedyPolicy, setup: Setup, worlds: list[dict[str, Any]], seed: int) -> str:
     scenario, robot, cell_m = setup.scenario, setup.config.robot, setup.scenario.cell_m
-    mounts = mounts_of(robot)
-    motors = [(mount.place_m[:2], *directions(mount.axis)) for mount in mounts]
-    soles = [(foot.x_m, foot.y_m) for foot in feet_of(robot)]
+    motors = [(mount.place_m[:2], *directions(mount.axis)) for mount in robot.motors]
+    soles = [(foot.x_m, foot.y_m) for foot in robot.feet]
     data = {
         "scenario": {
             "columns": scenario.columns,

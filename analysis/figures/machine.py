@@ -14,8 +14,7 @@ from analysis.figures.style import Drawing
 from cosim.base.colours import BLACK, BLUE, GREEN, GREY, VERMILION
 from cosim.base.plotting import styled
 from cosim.calibration.primitives import Primitive, able
-from cosim.model.params import TABLE_I, RobotParams, feet_names, motor_names, mounts_of
-from cosim.physics.contact import feet_of
+from cosim.model.params import TABLE_I, RobotParams, feet_names, motor_names
 
 ABOVE, SIDE = (0, 1), (0, 2)  # axes of the body that a view shows
 _SHAFT = 0.3  # of the body's radius: length of the arrow along it
@@ -64,8 +63,7 @@ def draw_view(axes: Axes, robot: RobotParams, view: Sequence[int]) -> None:
         size = 2.0 * radius, 1e3 * robot.height_m
         axes.add_patch(Rectangle((-radius, 0.0), *size, facecolor=GREY, alpha=0.2))
         axes.axhline(0.0, color=BLACK, linewidth=0.8)
-    mounts = mounts_of(robot)
-    for mount, name in zip(mounts, motor_names(len(mounts)), strict=True):
+    for mount, name in zip(robot.motors, motor_names(len(robot.motors)), strict=True):
         place, axis = 1e3 * np.array(mount.place_m)[shown], np.array(mount.axis)[shown]
         _motor(axes, robot, place, axis)
         axes.plot(*place, "s", color=BLUE, markersize=4, label="motor, at its mass")
@@ -75,8 +73,7 @@ def draw_view(axes: Axes, robot: RobotParams, view: Sequence[int]) -> None:
             axes.annotate(
                 name, (place[0], place[1]), (4, 4), textcoords="offset points", color=BLUE
             )
-    feet = feet_of(robot)
-    for foot, name in zip(feet, feet_names(len(feet)), strict=True):
+    for foot, name in zip(robot.feet, feet_names(len(robot.feet)), strict=True):
         place = 1e3 * np.array([foot.x_m, foot.y_m, 0.0])[shown]
         axes.plot(*place, "o", color=GREEN, markersize=5, label="foot")
         if shown == [*ABOVE]:
@@ -110,7 +107,7 @@ def draw_primitives(found: Mapping[str, Primitive], robot: RobotParams) -> Figur
     for name, primitive in found.items():
         if able(primitive, name, reach_m):
             path = 1e3 * _path(primitive, reach_m)
-            axes.plot(*path.T, linewidth=2.0, label=name)
+            axes.plot(*path.T, linewidth=2.0, label=name.replace("_", " "))
     axes.autoscale(axis="x")
     axes.set_title(f"where primitives take the front in {DRIVEN_S:g} s", loc="left")
     axes.set(xlabel="x ahead in mm", ylabel="y to the left in mm")
@@ -131,11 +128,12 @@ def _path(primitive: Primitive, reach_m: float) -> np.ndarray:
 def fig04(results: Path) -> Drawing:
     """Draw the paper's robot; no result is needed."""
     robot = TABLE_I
+    motor_radius_m = robot.motors[0].place_m[1]
     ours = (
         f"Feet on a circle of {1e3 * robot.foot_radius_m:g} mm and eccentric masses "
-        f"{1e3 * robot.motor_radius_m:g} mm from the centre (both assumed; the layout is that of "
+        f"{1e3 * motor_radius_m:g} mm from the centre (both assumed; the layout is that of "
         "Fig. 4b); diameter and size of the motors are those of Table I. The robot drives forwards "
         "at (ω_D, ω_E) = (−, +)."
     )
-    radii = {"foot_radius_m": robot.foot_radius_m, "motor_radius_m": robot.motor_radius_m}
+    radii = {"foot_radius_m": robot.foot_radius_m, "motor_radius_m": motor_radius_m}
     return Drawing(draw_machines({"": robot}), (ours,), radii)

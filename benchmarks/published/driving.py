@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.published.points import Legs
-from cosim.calibration.measuring import AHEAD, AIRBORNE, TURNING, Point, measure_batch
-from cosim.calibration.speed_map import DRIVES, MANOEUVRES
+from cosim.calibration.measuring import AIRBORNE, Point, measure_batch, shares_of
+from cosim.calibration.speed_map import DIRECTIONS
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.fmi.motor import MotorFmu
 from cosim.machine.platform.motion import drift_speed, lift_off_speed, robot_platform, sensitivities
@@ -37,13 +37,12 @@ def measured_speed(
     config: CoSimConfig, fmu: MotorFmu, manoeuvre: str, omega_rad_s: float, phases: int
 ) -> MeasuredSpeed:
     """Co-simulate robots at constant set points, without dither, phases evenly over a turn."""
-    d, e = MANOEUVRES[manoeuvre]
     points = [
-        Point(d * omega_rad_s, e * omega_rad_s, phase, dithered=False)
+        Point(manoeuvre, omega_rad_s, phase=phase, dithered=False)
         for phase in 2.0 * math.pi * np.arange(phases) / phases
     ]
     table = measure_batch(config, fmu, points, np.random.SeedSequence(0))
-    motion = e * table[:, AHEAD if manoeuvre in DRIVES else TURNING]
+    motion = table[:, :3] @ DIRECTIONS[manoeuvre]
     shares = float(table[:, AIRBORNE].mean())
     return MeasuredSpeed(float(motion.mean()), float(motion.min()), float(motion.max()), shares)
 
@@ -52,6 +51,8 @@ def value_of(config: CoSimConfig, parameter: str) -> float:
     """Value of one of `PARAMETERS`, in SI units."""
     if parameter == "m r":
         return config.motor.m * config.motor.r
+    if parameter == "motor_radius_m":
+        return config.robot.motors[0].place_m[1]
     return getattr(config.robot, parameter)
 
 
@@ -70,6 +71,10 @@ def measured_sensitivities(
             omega = factor * omega_rad_s
         elif parameter == "m r":
             changed = replace(config, motor=config.motor._replace(r=factor * config.motor.r))
+        elif parameter in ("foot_radius_m", "motor_radius_m"):
+            field = "feet" if parameter == "foot_radius_m" else "motors"
+            places = {field: getattr(config.robot.spread(factor), field)}
+            changed = replace(config, robot=config.robot._replace(**places))
         else:
             value = factor * getattr(config.robot, parameter)
             changed = replace(config, robot=config.robot._replace(**{parameter: value}))
@@ -105,8 +110,8 @@ def drive_by_the_clock(
     speeds = {
         "forwards": (steering.forward_speed_rad_s, steering.drive_speed_m_s),
         "backwards": (steering.backward_speed_rad_s, steering.drive_speed_m_s),
-        "left": (steering.turn_speed_rad_s, steering.turn_rate_rad_s),
-        "right": (steering.turn_speed_rad_s, steering.turn_rate_rad_s),
+        "left_turn": (steering.turn_speed_rad_s, steering.turn_rate_rad_s),
+        "right_turn": (steering.turn_speed_rad_s, steering.turn_rate_rad_s),
     }
     noise, phases = np.random.SeedSequence(seed).spawn(2)
     phase_rad = np.random.default_rng(phases).uniform(-math.pi, math.pi, robots)
@@ -124,7 +129,7 @@ def drive_by_the_clock(
         ahead = np.outer(phase_rad / _PHASE_S, (0.0, 1.0))
         ahead_periods, side = round(_PHASE_S / period_s), 1.0
         for manoeuvre, amount in legs:
-            signs, (speed, rate) = np.array(MANOEUVRES[manoeuvre]), speeds[manoeuvre]
+            signs, (speed, rate) = np.array(shares_of(config, manoeuvre)), speeds[manoeuvre]
             left = round(amount / rate / period_s)
             while left:
                 change = side * dither * np.array((-signs[0] * signs[1], 1.0)) + ahead

@@ -8,7 +8,7 @@ import math
 from typing import Literal, NamedTuple
 
 Certainty = Literal["seen", "derived"]
-Manoeuvre = Literal["forwards", "backwards", "left", "right"]
+Manoeuvre = Literal["forwards", "backwards", "left_turn", "right_turn"]
 Legs = tuple[
     tuple[Manoeuvre, float], ...
 ]  # manoeuvres one after the other, and how far in m or rad
@@ -40,7 +40,7 @@ def polygon(
     sides: int, side_mm: float, off_mm: tuple[float, ...], turned_deg: float | None
 ) -> PublishedPath:
     """A closed path back to its start, and to its first heading."""
-    legs: Legs = (("forwards", 1e-3 * side_mm), ("left", 2.0 * math.pi / sides))
+    legs: Legs = (("forwards", 1e-3 * side_mm), ("left_turn", 2.0 * math.pi / sides))
     name = f"{'triangle' if sides == 3 else 'square'} of {side_mm / 10.0:g} cm"
     return PublishedPath(
         name, legs * sides, (0.0, 0.0, 2.0 * math.pi), off_mm, turned_deg, _DROPLET
@@ -50,11 +50,11 @@ def polygon(
 def sideways(steps: int, leg_m: float, half_rad: float) -> PublishedPath:
     """Steps to the left in the shape of a V: forwards and back again, at an angle to each other."""
     legs: Legs = (
-        ("left", half_rad),
+        ("left_turn", half_rad),
         ("forwards", leg_m),
-        ("right", 2.0 * half_rad),
+        ("right_turn", 2.0 * half_rad),
         ("backwards", leg_m),
-        ("left", half_rad),
+        ("left_turn", half_rad),
     )
     meant_m = steps * 2.0 * leg_m * math.sin(half_rad)
     name = f"V-shaped steps, {1e3 * meant_m:.1f} mm to the left"
@@ -73,7 +73,7 @@ SPEEDS = (
     PublishedSpeed("icra2006", "backwards", 1050.0, None, "seen", _ICRA),
     PublishedSpeed("icra2006", "backwards", 1200.0, None, "seen", _ICRA),
     PublishedSpeed("paper", "forwards", 1083.0, 10.0, "seen", _KILOBOT),
-    PublishedSpeed("paper", "left", 1083.0, 45.0, "seen", _KILOBOT),
+    PublishedSpeed("paper", "left_turn", 1083.0, 45.0, "seen", _KILOBOT),
 )
 
 # The V are of 1 cm legs and 20° to either side (assumed; what was published is not at hand).

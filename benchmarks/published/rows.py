@@ -47,7 +47,7 @@ def rows_of(
 
 
 def _speed_row(point: PublishedSpeed, measured: MeasuredSpeed) -> Row:
-    turning = point.manoeuvre == "left"
+    turning = point.manoeuvre == "left_turn"
     factor = math.degrees(1.0) if turning else 1e3
     simulated, omega, published = factor * measured.mean, point.omega_rad_s, point.value
     return {

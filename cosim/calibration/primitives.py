@@ -16,28 +16,18 @@ import numpy as np
 from cosim.base.command import workers
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
-from cosim.base.provenance import digest_of
-from cosim.base.storage import cache_dir, cached, write_json
-from cosim.calibration.trial import Trial, mean_motion
+from cosim.calibration.measured import LOAD, key_of, measured
+from cosim.calibration.speed_map import DIRECTIONS, DRIVES, LEAST_M_S
+from cosim.calibration.trial import FALLEN, Trial, mean_motion, without_falls
 from cosim.coupling.master import FallError
+from cosim.coupling.signals import Samples
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
 from cosim.model.params import Drive, MotorShares
 from cosim.physics.trig import normals
-from fmus.build import identity_of_fmu
 
-VERSION = 3  # of primitives: raise it when their bits change
+VERSION = 4  # of primitives: raise it when their bits change
 
-# Directions (ahead, left, counter-clockwise) of the primitives.
-DIRECTIONS = {
-    "forwards": (1.0, 0.0, 0.0),
-    "backwards": (-1.0, 0.0, 0.0),
-    "leftwards": (0.0, 1.0, 0.0),
-    "rightwards": (0.0, -1.0, 0.0),
-    "left turn": (0.0, 0.0, 1.0),
-    "right turn": (0.0, 0.0, -1.0),
-}
-DRIVES = tuple(DIRECTIONS)[:4]
 LIBRARY, LIBRARY_S = 512, 2.0  # random set points, and how long each is driven
 SETTLE_S = 0.5
 FASTEST = 0.97  # set point, as a share of the largest speed
@@ -54,8 +44,7 @@ STARTS = 6  # set points of the library that are tried for longer, for each prim
 ASIDE = 2.0  # what a motion aside costs, over what one ahead is worth
 TURNING_1_S = 2.0  # assumed: yaw rate of a driving robot per heading error, as the paper's has it
 LARGEST_SHARE = 0.1  # of the largest speed: bound on the difference that turns a driving robot
-LEAST_M_S, LEAST_RAD_S = 5e-5, 0.005  # below, a machine counts as not moving
-FALLEN = 1.0  # in place of the share of time in the air, of a robot that does not stand any more
+LEAST_RAD_S = 0.005  # below, a machine counts as not turning
 NO_GAIN = 1e-6  # in place of that of a difference that was not found
 
 
@@ -101,22 +90,19 @@ class _Search:
         self, set_points: np.ndarray, seed: np.random.SeedSequence, seconds: float
     ) -> np.ndarray:
         config, period_s = self.config, self.config.timing.control_period_s
-        fallen = np.zeros(len(set_points), dtype=bool)
-        while True:
-            try:
-                with Trial(self._fmu, config, np.zeros(len(set_points)), seed) as trial:
-                    trial.set_motors(np.where(fallen[:, None], 0.0, set_points))
-                    trial.advance(round(SETTLE_S / period_s))
-                    before, samples = trial.poses, trial.advance(round(seconds / period_s))
-                break
-            except FallError as error:  # the others drive again, with the same noise
-                if fallen[error.column]:  # at rest
-                    raise
-                fallen[error.column], self.fall = True, error
+
+        def drive(driven: np.ndarray) -> tuple[np.ndarray, Samples]:
+            with Trial(self._fmu, config, np.zeros(len(driven)), seed) as trial:
+                trial.set_motors(driven)
+                trial.advance(round(SETTLE_S / period_s))
+                return trial.poses, trial.advance(round(seconds / period_s))
+
+        (before, samples), falls = without_falls(drive, set_points)
+        self.fall = falls[-1] if falls else self.fall
         motion = mean_motion(before, [samples], period_s)
         motion[:, 2] *= self.reach_m
         found = np.column_stack([motion, samples.airborne_share.mean(axis=0)])
-        found[fallen] = 0.0, 0.0, 0.0, FALLEN
+        found[[error.column for error in falls]] = 0.0, 0.0, 0.0, FALLEN
         return found
 
     def score(self, motion: np.ndarray, towards: np.ndarray) -> np.ndarray:
@@ -192,7 +178,7 @@ def search(
     config: CoSimConfig, motor_fmu: Path, progress: Progress = silent
 ) -> dict[str, Primitive]:
     """Find the primitives of a machine: what it can do of DIRECTIONS, else its best try."""
-    run, motors = _Search(config, MotorFmu(motor_fmu)), config.robot.motors_count
+    run, motors = _Search(config, MotorFmu(motor_fmu)), len(config.robot.motors)
     rng = np.random.default_rng(0)
     least = np.where(np.arange(LIBRARY) % 2, SLOWEST, FAST)[:, None]
     sizes = rng.uniform(least, 1.0, (LIBRARY, motors))
@@ -225,19 +211,10 @@ def find_primitives(
     config: CoSimConfig, motor_fmu: Path, progress: Progress = silent, *, again: bool = False
 ) -> dict[str, Primitive]:
     """The primitives of a configuration: found in the cache, or searched for and kept there."""
-    timing, steering = config.timing, config.steering
-    clock = timing.dt_s, timing.communication_step_s, timing.control_period_s
-    world = config.world.restitution or 0.0, config.world.payload_g, config.world.payload_offset_mm
-    pulses, fmu = (steering.pulse_s, steering.pause_s), identity_of_fmu(motor_fmu)
-    further = config.motor_parameters, config.noise, config.reaction, config.open_loop
-    key = digest_of(config.robot, config.motor, clock, world, pulses, fmu, further, VERSION)
-    return cached(
-        cache_dir("calibrations") / f"{key}.json",
-        lambda path: msgspec.json.decode(path.read_bytes(), type=dict[str, Primitive]),
-        lambda: search(config, motor_fmu, progress),
-        lambda found, path: write_json(path, found),
-        again=again,
-    )
+    pulses = ("pulse_s", "pause_s")
+    key = key_of("primitives", VERSION, config, motor_fmu, world=LOAD, steering=pulses)
+    make = partial(search, config, motor_fmu, progress)
+    return measured(key, dict[str, Primitive], make, again=again)
 
 
 def primitive_rows(found: dict[str, Primitive], config: CoSimConfig) -> list[tuple[str, ...]]:
@@ -251,7 +228,7 @@ def primitive_rows(found: dict[str, Primitive], config: CoSimConfig) -> list[tup
         )
         can = able(primitive, name, 0.5 * config.robot.diameter_m)
         speeds = " ".join(f"{value:.0f}" for value in primitive.set_points_rad_s)
-        label = name if can else f"{name}: cannot"
+        label = name.replace("_", " ") + ("" if can else ": cannot")
         rows.append((label, *motion, f"{primitive.airborne_share:.1%}", speeds))
     return rows
 
@@ -274,16 +251,16 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
     """
     reach_m = 0.5 * config.robot.diameter_m
     can = {name for name, primitive in found.items() if able(primitive, name, reach_m)}
-    if not {"left turn", "right turn", "forwards"} <= can:
+    if not {"left_turn", "right_turn", "forwards"} <= can:
         raise UserError(_cannot(config.preset, found, can))
     # With the sides but not backwards, the robot's heading would not follow from its last move.
     if not {"backwards", "leftwards", "rightwards"} <= can:
         can -= {"leftwards", "rightwards"}
     speeds = {n: float(np.abs(found[n].set_points_rad_s).max()) for n in DIRECTIONS}
-    for pair in (("leftwards", "rightwards"), ("left turn", "right turn")):  # share a speed
+    for pair in (("leftwards", "rightwards"), ("left_turn", "right_turn")):  # share a speed
         speeds |= dict.fromkeys(pair, max(speeds[name] for name in pair))
     speeds |= dict.fromkeys(DIRECTIONS.keys() - can, 0.0)
-    none = np.zeros(config.robot.motors_count)
+    none = np.zeros(len(config.robot.motors))
     shares = (
         np.array(found[n].set_points_rad_s) / speeds[n] if n in can else none for n in DIRECTIONS
     )
@@ -307,10 +284,10 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
         forward_speed_rad_s=speeds["forwards"],
         backward_speed_rad_s=speeds["backwards"],
         side_speed_rad_s=speeds["leftwards"],
-        turn_speed_rad_s=speeds["left turn"],
+        turn_speed_rad_s=speeds["left_turn"],
         max_speed_rad_s=top,
-        drive_speed_m_s=speed_m_s,
-        turn_rate_rad_s=float(rate),
+        drive_speed_m_s=config.steering.drive_speed_m_s or speed_m_s,
+        turn_rate_rad_s=config.steering.turn_rate_rad_s or float(rate),
         yaw_gain=gain,
         heading_gain_1_s=TURNING_1_S / gain,
         max_difference_rad_s=LARGEST_SHARE * top,
@@ -320,12 +297,12 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
 
 def _cannot(machine: str, found: dict[str, Primitive], can: set[str]) -> str:
     """Return the message that refuses a machine which cannot navigate."""
-    lacking = [name for name in ("forwards", "left turn", "right turn") if name not in can]
+    lacking = [name for name in ("forwards", "left_turn", "right_turn") if name not in can]
     best = max(found.values(), key=lambda p: math.hypot(*p.mean[:2]))
     speed, rate = 1e3 * math.hypot(*best.mean[:2]), math.degrees(best.mean[2])
     falls = any(found[name].airborne_share == FALLEN for name in lacking)
     return (
-        f"machine {machine} cannot steer: found nothing for {', '.join(lacking)}"
+        f"machine {machine} cannot steer: found nothing for {', '.join(lacking).replace('_', ' ')}"
         f"{', which it does not do without falling over' if falls else ''}; its best motion is "
         f"{speed:.2f} mm/s with {rate:+.1f} °/s at set points "
         f"{', '.join(f'{value:.0f}' for value in best.set_points_rad_s)} rad/s; change motors or "

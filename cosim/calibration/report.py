@@ -8,14 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cosim.base.colours import BLUE, GREEN, PURPLE, VERMILION
+from cosim.base.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from cosim.base.plotting import styled
 from cosim.calibration.measuring import digest
-from cosim.calibration.speed_map import DRIVES, MANOEUVRES, Calibration
+from cosim.calibration.speed_map import DIRECTIONS, DRIVES, TURNS, Calibration
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING
 
-_COLOURS = {"forwards": BLUE, "backwards": VERMILION, "left": GREEN, "right": PURPLE}
+_COLOURS = dict(zip(DIRECTIONS, (BLUE, VERMILION, SKY, ORANGE, GREEN, PURPLE), strict=True))
 DITHERS = ((True, ""), (False, "without dither"))
 
 
@@ -26,11 +26,11 @@ class CalibrationReport(msgspec.Struct, frozen=True, kw_only=True):
     digest: str  # of what the calibration depends on
     mu: float
     trials: int  # how many were simulated
-    # In both directions, without hopping
+    # Without hopping, ahead and back and in both turns
     hop_free_rad_s: float
     largest_speed_m_s: float
     largest_turn_rate_rad_s: float
-    # By manoeuvre, with and without the steering's dither: motor speeds, mean and scatter of the
+    # By primitive, with and without the steering's dither: motor speeds, mean and scatter of the
     # speed or yaw rate, share of the time in the air
     curves: dict[str, dict[str, list[float]]]
 
@@ -38,12 +38,12 @@ class CalibrationReport(msgspec.Struct, frozen=True, kw_only=True):
 def report_of(calibration: Calibration, config: CoSimConfig, motor_fmu: Path) -> CalibrationReport:
     """Results of a calibration."""
     curves = {}
-    for manoeuvre in MANOEUVRES:
-        unit = "m_s" if manoeuvre in DRIVES else "rad_s"
+    for primitive in calibration.primitives:
+        unit = "m_s" if primitive in DRIVES else "rad_s"
         names = ("motor_speed_rad_s", f"mean_{unit}", f"scatter_{unit}", "airborne_share")
         for dithered, suffix in DITHERS:
-            curve = calibration.curve(manoeuvre, dithered=dithered)
-            name = "_".join(f"{manoeuvre} {suffix}".split())
+            curve = calibration.curve(primitive, dithered=dithered)
+            name = "_".join(f"{primitive} {suffix}".split())
             if len(curve.omega_rad_s):
                 values = curve.omega_rad_s, curve.mean, curve.scatter, curve.airborne_share
                 curves[name] = {n: v.tolist() for n, v in zip(names, values, strict=True)}
@@ -52,8 +52,8 @@ def report_of(calibration: Calibration, config: CoSimConfig, motor_fmu: Path) ->
         mu=config.robot.mu,
         trials=len(calibration.phase_rad),
         hop_free_rad_s=calibration.hop_free_rad_s,
-        largest_speed_m_s=min(calibration.largest(drive) for drive in DRIVES),
-        largest_turn_rate_rad_s=min(calibration.largest(side) for side in ("left", "right")),
+        largest_speed_m_s=calibration.largest_of(DRIVES[:2]),
+        largest_turn_rate_rad_s=calibration.largest_of(TURNS),
         curves=curves,
     )
 
@@ -64,15 +64,15 @@ def draw(calibration: Calibration, title: str) -> Figure:
     figure = Figure(figsize=(10.0, 7.5), layout="constrained")
     (speeds, rates), (differences, phases) = figure.subplots(2, 2)
     figure.suptitle(title)
-    for manoeuvre in MANOEUVRES:
-        axes, factor = (speeds, 1e3) if manoeuvre in DRIVES else (rates, np.rad2deg(1.0))
+    for primitive in calibration.primitives:
+        axes, factor = (speeds, 1e3) if primitive in DRIVES else (rates, np.rad2deg(1.0))
         for dithered, suffix in DITHERS:
-            curve = calibration.curve(manoeuvre, dithered=dithered)
+            curve = calibration.curve(primitive, dithered=dithered)
             if not len(curve.omega_rad_s):
                 continue
             style: Any = {"capsize": 3.0} if dithered else {"linestyle": "--", "alpha": 0.6}
-            style |= {"color": _COLOURS[manoeuvre]}
-            style["label"] = f"{manoeuvre}, {suffix}" if suffix else manoeuvre
+            style |= {"color": _COLOURS[primitive]}
+            style["label"] = f"{primitive}, {suffix}" if suffix else primitive
             y, error = factor * curve.mean, factor * curve.scatter
             axes.errorbar(curve.omega_rad_s, y, error, **style)
     for axes, name in ((speeds, "speed, mm/s"), (rates, "yaw rate, °/s")):
@@ -85,47 +85,48 @@ def draw(calibration: Calibration, title: str) -> Figure:
 
 
 def _draw_differences(axes: Axes, calibration: Calibration) -> None:
-    """Yaw rate of a driving robot over the speed added to both motors."""
-    added = calibration.set_points_rad_s.sum(axis=1) / 2.0
-    base = (calibration.set_points_rad_s[:, 1] - calibration.set_points_rad_s[:, 0]) / 2.0
-    for manoeuvre in DRIVES:
-        differs = (added != 0.0) & (base * MANOEUVRES[manoeuvre][1] > np.abs(added))
-        slow, *_, fast = np.unique(np.abs(base[differs]))
-        for speed, style in ((fast, "o-"), (slow, "x--")):
-            chosen = differs & (np.abs(base) == speed)
-            how: Any = {"color": _COLOURS[manoeuvre], "label": f"{manoeuvre}, {speed:.0f} rad/s"}
+    """Yaw rate of a driving robot over the difference that is added to its motors' speeds."""
+    added = calibration.difference_rad_s
+    for k, primitive in enumerate(DRIVES):
+        differs = (added != 0.0) & (calibration.primitive == k)
+        speeds = np.unique(calibration.set_speed_rad_s[differs])
+        for speed, style in zip(
+            speeds[[-1, 0]] if len(speeds) else (), ("o-", "x--"), strict=False
+        ):
+            chosen = differs & (calibration.set_speed_rad_s == speed)
+            how: Any = {"color": _COLOURS[primitive], "label": f"{primitive}, {speed:.0f} rad/s"}
             rate = np.rad2deg(calibration.yaw_rate_rad_s[chosen])
             axes.plot(added[chosen], rate, style, **how)
-    axes.set(xlabel="speed added to both motors, rad/s", ylabel="yaw rate, °/s")
+    axes.set(xlabel="speed difference, rad/s", ylabel="yaw rate, °/s")
     axes.legend()
 
 
 def _draw_phases(axes: Axes, calibration: Calibration) -> None:
     """Yaw rate over the initial phase between the motors at the speed nearest to that driven at."""
-    speed = np.abs(calibration.set_points_rad_s[~calibration.dithered, 1])
-    nearest = speed[np.abs(speed - STEERING.forward_speed_rad_s).argmin()]
-    for manoeuvre in ("forwards", "left"):
-        d, e = MANOEUVRES[manoeuvre]
+    speeds = calibration.set_speed_rad_s[~calibration.dithered]
+    for primitive in ("forwards", "left_turn") if len(speeds) else ():
+        nearest = speeds[np.abs(speeds - STEERING.forward_speed_rad_s).argmin()]
+        same = calibration.primitive == list(DIRECTIONS).index(primitive)
+        same &= (calibration.set_speed_rad_s == nearest) & (calibration.difference_rad_s == 0.0)
         for dithered, style in ((True, "o-"), (False, "x--")):
-            set_points = calibration.set_points_rad_s == nearest * np.array([d, e])
-            chosen = set_points.all(axis=1) & (calibration.dithered == dithered)
-            label = f"{manoeuvre}, {'with' if dithered else 'without'} dither"
+            chosen = same & (calibration.dithered == dithered)
+            label = f"{primitive}, {'with' if dithered else 'without'} dither"
             phase = np.rad2deg(calibration.phase_rad[chosen])
             rate = np.rad2deg(calibration.yaw_rate_rad_s[chosen])
-            axes.plot(phase, rate, style, color=_COLOURS[manoeuvre], label=label)
-    axes.set_xlabel(f"initial phase between the motors, ° ({nearest:.0f} rad/s)")
-    axes.set_ylabel("yaw rate, °/s")
-    axes.legend()
+            axes.plot(phase, rate, style, color=_COLOURS[primitive], label=label)
+        axes.set_title(f"{nearest:.0f} rad/s")
+        axes.legend()
+    axes.set(xlabel="initial phase between the motors, °", ylabel="yaw rate, °/s")
 
 
-def manoeuvre_rows(calibration: Calibration) -> list[tuple[str, ...]]:
-    """Rows of a table: manoeuvre, motor speed, mean, scatter, airborne."""
+def speed_rows(calibration: Calibration) -> list[tuple[str, ...]]:
+    """Rows of a table: primitive, motor speed, mean, scatter, airborne."""
     rows = []
-    for manoeuvre in MANOEUVRES:
-        curve = calibration.curve(manoeuvre)
-        factor, unit = (1e3, "mm/s") if manoeuvre in DRIVES else (np.rad2deg(1.0), "°/s")
+    for primitive in calibration.primitives:
+        curve = calibration.curve(primitive)
+        factor, unit = (1e3, "mm/s") if primitive in DRIVES else (np.rad2deg(1.0), "°/s")
         columns = (curve.omega_rad_s, curve.mean, curve.scatter, curve.airborne_share)
         for omega, mean, scatter, airborne in zip(*columns, strict=True):
             speeds = f"{omega:.0f} rad/s", f"{factor * mean:.2f} {unit}", f"{factor * scatter:.2f}"
-            rows.append((manoeuvre, *speeds, f"{airborne:.2%}"))
+            rows.append((primitive.replace("_", " "), *speeds, f"{airborne:.2%}"))
     return rows

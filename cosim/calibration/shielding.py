@@ -11,30 +11,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
 from scipy.stats import chi2
 
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent, under_way
-from cosim.base.provenance import digest_of
-from cosim.base.storage import cache_dir, cached, write_json
+from cosim.calibration.measured import LOAD, key_of, measured, reduced
 from cosim.calibration.straying import best_filter
 from cosim.calibration.trial import corners, heading_angles, trial_in_world
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.params import ESTIMATOR, SHIELD, TIMING
-from cosim.model.preset import PAPER
-from cosim.model.world import World
+from cosim.model.params import SHIELD
 from cosim.onboard.shield import stopping_gap
 from cosim.onboard.steering import HOLD, MODE
 from cosim.physics.body_state import PLANE, QUATERNION
 from cosim.physics.trig import sine_cosine, sines_cosines
-from fmus.build import identity_of_fmu
 
 VERSION = 3  # of stopping distances and errors of estimates: raise it when their bits change
 MOST_GAP = 0.5  # assumed: of the robots' diameter; with more there is no way past each other
-_FLOOR = ("motor_spread", "restitution", "floor_tilt_deg", "payload_g", "payload_offset_mm")
+_FLOOR = (*LOAD, "motor_spread", "floor_tilt_deg")
 ROBOTS, TRIALS, ROUNDS = 64, 4, 8  # 2048 stops
 EXCEEDED, CONFIDENCE = 1e-5, 0.99  # share of the stops that come further, and how sure that is
 _TAIL = 0.05  # share of the stops that the bound is extrapolated from
@@ -170,35 +165,14 @@ def turning_path(config: CoSimConfig, fmu: MotorFmu) -> tuple[float]:
     return (float(moved_m[angles <= math.pi].max()),)
 
 
-def _reduced(config: CoSimConfig, *fields: str) -> CoSimConfig:
-    """Return a configuration without what decides nothing here, so that results are found again."""
-    clock = ("dt_s", "communication_step_s", "control_period_s")
-    return replace(
-        config,
-        timing=TIMING._replace(**{name: getattr(config.timing, name) for name in clock}),
-        world=World(**{name: getattr(config.world, name) for name in fields}),
-        on_collision="end",
-        through=False,
-        shield=None,
-        preset=PAPER,
-        estimator=config.estimator if "sensor" in fields else ESTIMATOR,
-        sources=(),
-    )
-
-
 def _kept(
     measure: Callable[[CoSimConfig, MotorFmu], tuple[float, ...]],
     config: CoSimConfig,
     motor_fmu: Path,
 ) -> tuple[float, ...]:
     """Return the measurements for a configuration, from the cache if they are there."""
-    key = digest_of(config, identity_of_fmu(motor_fmu), measure.__name__, VERSION)
-    return cached(
-        cache_dir("calibrations") / f"{key}.json",
-        lambda path: msgspec.json.decode(path.read_bytes(), type=tuple[float, ...]),
-        lambda: measure(config, MotorFmu(motor_fmu)),
-        lambda found, path: write_json(path, found),
-    )
+    key = key_of(measure.__name__, VERSION, config, motor_fmu)
+    return measured(key, tuple[float, ...], lambda: measure(config, MotorFmu(motor_fmu)))
 
 
 def with_stopping_distance(
@@ -211,8 +185,8 @@ def with_stopping_distance(
     """
     world, shield = config.world, config.shield or SHIELD
     least_mu = min([config.robot.mu, *(patch.mu for patch in world.mu_patches)])
-    slippery = _reduced(replace(config, robot=config.robot._replace(mu=least_mu)), *_FLOOR)
-    patchy = _reduced(config, *_FLOOR, "mu_patches")
+    slippery = reduced(replace(config, robot=config.robot._replace(mu=least_mu)), _FLOOR)
+    patchy = reduced(config, (*_FLOOR, "mu_patches"))
     with under_way(progress, "measuring stopping distances"):
         floors = [slippery, patchy] if world.mu_patches else [slippery]
         stops = [_kept(stopping_distance, floor, motor_fmu) for floor in floors]
@@ -235,7 +209,7 @@ def with_stopping_distance(
             )
     if not world.camera.rate_hz:
         return config
-    seen = _reduced(config, *_FLOOR, "mu_patches", "sensor")
+    seen = reduced(config, (*_FLOOR, "mu_patches", "sensor"))
     with under_way(progress, "measuring errors of estimates"):
         drift, deviations, deviation_m = _kept(best_filter, seen, motor_fmu)
     config = config.having(

@@ -1,4 +1,4 @@
-"""The map between motor speeds and the robot's motion: trials, curves, inverse, refusal.
+"""The map between motor speeds and a machine's motion: trials, curves, inverse, refusal.
 
 A record that can be kept in a file and asked; `cosim.calibration.measuring` makes it.
 """
@@ -13,30 +13,31 @@ from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import write_arrays
 from cosim.model.config import CoSimConfig
 
-# Signs of (ω_D, ω_E), Eq. (3).
-MANOEUVRES = {
-    "forwards": (-1.0, 1.0),
-    "backwards": (1.0, -1.0),
-    "left": (1.0, 1.0),
-    "right": (-1.0, -1.0),
+# Directions (ahead, left, counter-clockwise) of motion primitives, by the fields of `MotorShares`.
+DIRECTIONS = {
+    "forwards": (1.0, 0.0, 0.0),
+    "backwards": (-1.0, 0.0, 0.0),
+    "leftwards": (0.0, 1.0, 0.0),
+    "rightwards": (0.0, -1.0, 0.0),
+    "left_turn": (0.0, 0.0, 1.0),
+    "right_turn": (0.0, 0.0, -1.0),
 }
-DRIVES = ("forwards", "backwards")
+DRIVES, TURNS = tuple(DIRECTIONS)[:4], tuple(DIRECTIONS)[4:]
 # Share of time without any foot on the floor from which robots with bouncing feet hop. Below it the
 # speeds are those of feet that do not bounce, within some per cent; above it they depend on the
 # phase between the motors (docs/physics.md).
 BOUNCING_SHARE = 0.12
+PULSED_SHARE = 0.99  # of robots with pulsed motors, which may hop, but not fall
 LEAST_M_S = 5e-5  # assumed: below, a cell takes minutes, and robots count as not moving
 _WEAK = 0.9  # of the largest set point: below, motors do not follow it
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One manoeuvre over motor speed, at equal speeds of both motors."""
+    """One primitive over motor speed."""
 
     omega_rad_s: np.ndarray  # (K,) mean motor speed, ascending
-    # (K,) speed in m/s along the heading (backwards positive too) or yaw rate in rad/s towards the
-    # manoeuvre's side
-    mean: np.ndarray
+    mean: np.ndarray  # (K,) speed in m/s or yaw rate in rad/s in the primitive's direction
     scatter: np.ndarray  # (K,) standard deviation over phases and seeds
     airborne_share: np.ndarray  # (K,) largest share of time in which no foot touched the floor
     lifted_share: np.ndarray  # (K,) mean share of time in which a foot did not
@@ -46,54 +47,81 @@ class Curve:
 class Calibration:
     """Trials of one robot, T of them; the first axis of every array."""
 
-    set_points_rad_s: np.ndarray  # (T, 2) commanded speeds of motors D and E, without dither
-    omega_rad_s: np.ndarray  # (T, 2) mean speeds that the motors had
-    phase_rad: np.ndarray  # (T,) initial phase difference between the motors
+    primitive: np.ndarray  # (T,) place in DIRECTIONS
+    set_speed_rad_s: np.ndarray  # (T,) commanded: motors get their shares of it
+    difference_rad_s: np.ndarray  # (T,) commanded in addition, in the drive's own difference
+    phase_rad: np.ndarray  # (T,) initial phase difference from motor to motor
     dithered: np.ndarray  # (T,) bool, whether the dither of the steering was on
+    # (T, M) mean speeds of the motors with the largest share, over that, NaN of the others; what
+    # was commanded where the steering has no dither
+    omega_rad_s: np.ndarray
     forward_m_s: np.ndarray  # (T,) mean speed along the heading
     lateral_m_s: np.ndarray  # (T,) mean speed to the left of it
     yaw_rate_rad_s: np.ndarray  # (T,) mean, counter-clockwise positive
     airborne_share: np.ndarray  # (T,) share of time in which no foot touched the floor
     lifted_share: np.ndarray  # (T,) share of time in which a foot did not
-    restitution: np.ndarray  # () of the feet
+    hopping_share: np.ndarray  # () of that time, beyond which the robot hops
 
-    def curve(self, manoeuvre: str, *, dithered: bool = True) -> Curve:
-        """Speed or yaw rate over motor speed of one of `MANOEUVRES`."""
-        signs = MANOEUVRES[manoeuvre]
-        set_speed = self.set_points_rad_s[:, 1] * signs[1]
-        chosen = (self.dithered == dithered) & (self.set_points_rad_s[:, 0] * signs[0] == set_speed)
-        chosen &= set_speed > 0.0
-        motion = self.forward_m_s if manoeuvre in DRIVES else self.yaw_rate_rad_s
-        rows = []
-        for speed in np.unique(set_speed[chosen]):
-            here = chosen & (set_speed == speed)
-            value = motion[here] * signs[1]
-            omega = np.abs(self.omega_rad_s[here]).mean()
+    @property
+    def primitives(self) -> list[str]:
+        """Names of what the machine can do."""
+        return [name for k, name in enumerate(DIRECTIONS) if (self.primitive == k).any()]
+
+    def curve(self, name: str, *, dithered: bool = True) -> Curve:
+        """Speed or yaw rate over motor speed of one of `primitives`."""
+        chosen = (self.primitive == list(DIRECTIONS).index(name)) & (self.dithered == dithered)
+        chosen &= self.difference_rad_s == 0.0
+        motion = np.column_stack([self.forward_m_s, self.lateral_m_s, self.yaw_rate_rad_s])
+        along, rows = motion @ DIRECTIONS[name], []
+        for speed in np.unique(self.set_speed_rad_s[chosen]):
+            here = chosen & (self.set_speed_rad_s == speed)
             shares = self.airborne_share[here].max(), self.lifted_share[here].mean()
+            omega, value = np.nanmean(np.abs(self.omega_rad_s[here])), along[here]
             rows.append((omega, value.mean(), value.std(), *shares))
         return Curve(*np.array(sorted(rows)).reshape(-1, 5).T)
 
     @property
     def hop_free_rad_s(self) -> float:
-        """Largest motor speed of a manoeuvre without hops.
+        """Largest motor speed of all primitives without hops."""
+        share = float(self.hopping_share)
+        return min(_hop_free(self.curve(name), share) for name in self.primitives)
 
-        Robots hop where no foot is on the floor, ever; for more than BOUNCING_SHARE of the time
-        where feet bounce.
-        """
-        share = BOUNCING_SHARE if self.restitution > 0.0 else 0.0
-        return min(_hop_free(self.curve(manoeuvre), share) for manoeuvre in MANOEUVRES)
-
-    def largest(self, manoeuvre: str) -> float:
+    def largest(self, name: str) -> float:
         """Largest speed in m/s or yaw rate in rad/s without hopping, at whichever motor speed."""
-        curve, limit = self.curve(manoeuvre), self.hop_free_rad_s
+        curve, limit = self.curve(name), self.hop_free_rad_s
         below = curve.mean[curve.omega_rad_s < limit]
         return float(below.max(initial=np.interp(limit, curve.omega_rad_s, curve.mean)))
 
+    def largest_of(self, names: tuple[str, ...]) -> float:
+        """Largest speed or yaw rate that the machine has in all of some primitives that it can."""
+        return min((self.largest(name) for name in names if name in self.primitives), default=0.0)
+
+    def motor_speed(self, name: str, value: float) -> float:
+        """Motor speed in rad/s for a speed in m/s or a yaw rate in rad/s.
+
+        Of several motor speeds that realise it, the slowest.
+        """
+        curve = self.curve(name)
+        largest = self.largest(name)
+        factor, unit = (1e3, "mm/s") if name in DRIVES else (180.0 / np.pi, "°/s")
+        if value > largest:
+            raise UserError(
+                f"{factor * value:.3g} {unit} {name} would make the robot hop; the largest "
+                f"possible is {np.floor(100.0 * factor * largest) / 100.0:.2f} {unit}"
+            )
+        if value < curve.mean[0]:
+            raise UserError(
+                f"{factor * value:.3g} {unit} {name} is less than the map of speeds has; the "
+                f"least is {np.ceil(100.0 * factor * curve.mean[0]) / 100.0:.2f} {unit}"
+            )
+        end = int((curve.mean >= value).argmax()) + 1  # the first trial that is fast enough
+        return float(np.interp(value, curve.mean[:end][-2:], curve.omega_rad_s[:end][-2:]))
+
     def require_motion(self, mu: float) -> None:
-        """Refuse robots that do not move."""
-        if min(self.largest(drive) for drive in DRIVES) >= LEAST_M_S:
+        """Refuse robots that do not drive."""
+        if self.largest_of(DRIVES) >= LEAST_M_S:
             return
-        reached, asked = (np.abs(v).max() for v in (self.omega_rad_s, self.set_points_rad_s))
+        reached, asked = np.nanmax(np.abs(self.omega_rad_s)), self.set_speed_rad_s.max()
         if reached < _WEAK * asked:
             raise UserError(
                 f"the motors are too weak to move the robot: they reach {reached:.0f} of "
@@ -104,63 +132,61 @@ class Calibration:
             "speed; change the preset, friction or motor parameters"
         )
 
-    def motor_speed(self, manoeuvre: str, value: float) -> float:
-        """Speed in rad/s of both motors for a speed in m/s or a yaw rate in rad/s.
-
-        Of several motor speeds that realise it, the slowest.
-        """
-        curve = self.curve(manoeuvre)
-        largest = self.largest(manoeuvre)
-        factor, unit = (1e3, "mm/s") if manoeuvre in DRIVES else (180.0 / np.pi, "°/s")
-        if value > largest:
-            raise UserError(
-                f"{factor * value:.3g} {unit} {manoeuvre} would make the robot hop; the largest "
-                f"possible is {np.floor(100.0 * factor * largest) / 100.0:.2f} {unit}"
-            )
-        if value < curve.mean[0]:
-            raise UserError(
-                f"{factor * value:.3g} {unit} {manoeuvre} is less than the map of speeds has; the "
-                f"least is {np.ceil(100.0 * factor * curve.mean[0]) / 100.0:.2f} {unit}"
-            )
-        end = int((curve.mean >= value).argmax()) + 1  # the first trial that is fast enough
-        return float(np.interp(value, curve.mean[:end][-2:], curve.omega_rad_s[:end][-2:]))
-
     def resolved(self, config: CoSimConfig, *, slower: bool = False) -> CoSimConfig:
         """The configuration with the motor speeds that realise its drive speed and turn rate.
 
-        A turn rate beyond the largest becomes the largest: turning more slowly only takes longer.
-        A drive speed beyond the largest does if `slower`, and is refused otherwise.
+        Sideways, robots drive as fast as they can up to that. A turn rate beyond the largest
+        becomes the largest: turning more slowly only takes longer. A drive speed beyond the largest
+        does if `slower`, and is refused otherwise.
         """
         self.require_motion(config.robot.mu)
-        speed_m_s, rate = config.steering.drive_speed_m_s, config.steering.turn_rate_rad_s
-        largest = min(self.largest(drive) for drive in DRIVES)
+        steering = config.steering
+        speed_m_s, rate = steering.drive_speed_m_s, steering.turn_rate_rad_s
+        largest, largest_rate = self.largest_of(DRIVES[:2]), self.largest_of(TURNS)
         if speed_m_s > largest and not slower:
             raise UserError(
                 f"a drive speed of {1e3 * speed_m_s:.3g} mm/s would make the robot "
                 f"hop; the largest possible is {np.floor(1e5 * largest) / 100.0:.2f} mm/s"
             )
-        forward, backward = (self.motor_speed(d, min(speed_m_s, largest)) for d in DRIVES)
-        sides = ("left", "right")
-        largest_rate = min(self.largest(side) for side in sides)
-        if largest_rate < max(self.curve(side).mean[0] for side in sides):
+        speed_m_s, rate = min(speed_m_s, largest), min(rate, largest_rate)
+        turns = [name for name in TURNS if name in self.primitives]
+        if any(rate < self.curve(name).mean[0] for name in turns):
             raise UserError(
                 f"robots of diameter_m = {config.robot.diameter_m:g} hop at every motor speed that "
                 "turns them; make them larger, or change the preset, friction or motor parameters"
             )
-        turn = max(self.motor_speed(side, min(rate, largest_rate)) for side in sides)
+        speeds = {
+            name: self.motor_speed(
+                name, min(rate if name in turns else speed_m_s, self.largest(name))
+            )
+            for name in self.primitives
+        }
         for kind, name, limit in (
             ("speed", "drive_speed_m_s", largest),
             ("turn rate", "turn_rate_rad_s", largest_rate),
         ):
-            if getattr(config.steering, name) > limit:
+            if getattr(steering, name) > limit:
                 source = f"computed: the largest {kind} without hopping"
                 config = config.having(source, **{name: limit})
+        # Both sides share a speed, and so do both turns.
+        of = [
+            max((round(speeds[name], 1) for name in names if name in speeds), default=0.0)
+            for names in (("forwards",), ("backwards",), DRIVES[2:], TURNS)
+        ]
+        drives = (
+            drive._replace(
+                speed=min(1.0, self.largest(name) / speed_m_s) if name in speeds else 1.0
+            )
+            for name, drive in zip(DRIVES, steering.drives, strict=True)
+        )
         return config.having(
             "calibrated",
-            forward_speed_rad_s=round(forward, 1),
-            backward_speed_rad_s=round(backward, 1),
-            turn_speed_rad_s=round(turn, 1),
+            forward_speed_rad_s=of[0],
+            backward_speed_rad_s=of[1],
+            side_speed_rad_s=of[2],
+            turn_speed_rad_s=of[3],
             max_speed_rad_s=round(self.hop_free_rad_s, 1),
+            drives=tuple(drives),
         )
 
     def save(self, path: Path) -> None:

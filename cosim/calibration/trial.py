@@ -5,12 +5,13 @@ array (layout in `cosim.onboard.steering`); the dynamics, the FMUs and the noise
 episode.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
 from cosim.coupling.assembly import Motors, SpeedNoise, check_motors, new_plant, robot_properties
-from cosim.coupling.master import CompiledDriver, FaultError
+from cosim.coupling.master import CompiledDriver, FallError, FaultError
 from cosim.coupling.signals import (
     RawSamples,
     Samples,
@@ -36,6 +37,8 @@ from cosim.physics.trig import sines_cosines
 # rounding error of a femtometre, which is that of a board.
 SPACING_M = 1.0
 _CORNER_M = 0.03
+FALLEN = 1.0  # in place of the share of time in the air, of a robot that does not stand any more
+Result = TypeVar("Result")
 
 
 class Trial:
@@ -72,7 +75,7 @@ class Trial:
         self._config = config
         self._plant = new_plant(config, 1, end_on_collision=False)
         self._tick = 0
-        self._sizes = config.robot.motors_count, config.robot.feet_count
+        self._sizes = len(config.robot.motors), len(config.robot.feet)
         self._state = new_state(n, 1, columns, *self._sizes)
         self._state.properties[:] = robot_properties(config)[:, None]
         self.origins_m = SPACING_M * np.column_stack([np.arange(1, n + 1), np.ones(n)])
@@ -153,6 +156,26 @@ class Trial:
             raise error.locate(name, end_s, self._config.preset) from None
         self._tick += periods * self._config.ticks_per_period
         return Samples(*(signal[:, :n] for signal in samples))
+
+
+def without_falls(
+    drive: Callable[[np.ndarray], Result], set_points: np.ndarray
+) -> tuple[Result, list[FallError]]:
+    """Drive robots at their set points (N, M); those that fall stand, and the others drive again.
+
+    Returns:
+        What `drive` returns, and the falls.
+    """
+    falls: list[FallError] = []
+    while True:
+        driven = set_points.copy()
+        driven[[error.column for error in falls]] = 0.0
+        try:
+            return drive(driven), falls
+        except FallError as error:  # the others drive again, with the same noise
+            if not driven[error.column].any():
+                raise
+            falls.append(error)
 
 
 def trial_in_world(

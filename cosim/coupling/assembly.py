@@ -23,7 +23,6 @@ from cosim.model.params import (
     level_share,
     motor_names,
     motors_of,
-    mounts_of,
     open_loop_voltage,
 )
 from cosim.physics.collision import FASTEST_M_S, PairParams
@@ -42,7 +41,7 @@ def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Pl
     robot = config.robot
     each = motors_of(robot, config.motor)
     mounts = motor_mounts(robot, each)
-    motors = paired([mount.place_m[:2] for mount in mounts_of(robot)])
+    motors = paired([mount.place_m[:2] for mount in robot.motors])
     return Plant(
         robots=robots,
         body=body_params(config.robot, config.motor, config.timing.dt_s),
@@ -82,7 +81,7 @@ def robot_properties(
 
 def check_motors(fmu: MotorFmu, config: CoSimConfig, robots: int) -> None:
     """Refuse an FMU without a capability that a run of some robots needs."""
-    motors, can = robots * config.robot.motors_count, fmu.interface
+    motors, can = robots * len(config.robot.motors), fmu.interface
     if motors > 1 and can.canBeInstantiatedOnlyOncePerProcess:
         raise fmu.refusal(
             f"has canBeInstantiatedOnlyOncePerProcess, and {motors} motors are needed at once; "
@@ -139,8 +138,8 @@ class Motors:
         self._parameters = _differences(config.motor, own) | dict(config.motor_parameters)
         count = config.ticks_per_period // config.ticks_per_step
         self._sampling = (count, config.timing.communication_step_s) if sampled else None
-        self._motors = motors = config.robot.motors_count
-        self._level = [level_share(mount.axis) for mount in mounts_of(config.robot)]
+        self._motors = motors = len(config.robot.motors)
+        self._level = [level_share(mount.axis) for mount in config.robot.motors]
         self._instances: list[Motor | None] = [None] * (1 if fmu.arrays else motors * columns)
         self._runs = np.zeros(motors * columns, dtype=np.int64)  # of all first motors, and so on
         # Usual and present values (M, B) of the parameters that some motor of the arrays has had
@@ -321,7 +320,7 @@ class SpeedNoise:
 
     def __init__(self, config: CoSimConfig, seed: np.random.SeedSequence, robots: int) -> None:
         """Give every motor a generator with a child of the seed."""
-        self._motors = config.robot.motors_count
+        self._motors = len(config.robot.motors)
         children = range(robots * self._motors)
         self._generators = [generator(seed, child) for child in children]
         self.amplitude = config.noise.relative_amplitude

@@ -56,7 +56,7 @@ class CoSimConfig:
     """Everything but the scenario and the FMU that determines a co-simulation.
 
     Attributes:
-        robot: body, feet and floor; its diameter is the scenario's, see `sized`.
+        robot: body, motors, feet and floor; its diameter is the scenario's, see `sized`.
         motor: eccentric masses for Eq. (3), and parameters of the FMU where they differ from
             Table II.
         on_collision: as does entering another robot's target cell: end the episode, or push on.
@@ -151,62 +151,23 @@ class CoSimConfig:
                 f"{robot.height_m:g}; make it lower, or the body higher"
             )
         eccentric_kg = sum(own.m for own in params.motors_of(robot, self.motor))
-        if robot.motors and eccentric_kg >= robot.mass_kg:
+        if robot.masses_included and eccentric_kg >= robot.mass_kg:
             raise ConfigError(
                 f"mass_kg = {robot.mass_kg:g} is of the whole machine, but the eccentric masses of "
-                f"its motors have {eccentric_kg:g} together; weigh it with them"
+                f"its motors have {eccentric_kg:g} together; weigh it with them, or give "
+                "masses_included = false"
             )
 
     def _check_geometry(self) -> None:
         robot, steering = self.robot, self.steering
         counts = [len(steering.shares), *(len(drive.difference) for drive in steering.drives)]
-        if set(counts) != {robot.motors_count}:
+        if set(counts) != {len(robot.motors)}:
             raise ConfigError(
                 f"the steering is one of {len(steering.shares)} motors, but the machine has "
-                f"{robot.motors_count}"
+                f"{len(robot.motors)}"
             )
         self._check_masses()
-        self._check_heights()
-        if robot.feet or robot.motors:
-            self._check_places()
-        inside_m = math.inf if robot.feet else robot.foot_radius_m / 2.0  # of the triangle of feet
-        if not math.hypot(robot.com_x_m, robot.com_y_m) < inside_m:
-            raise ConfigError(
-                f"com_x_m = {robot.com_x_m:g} and com_y_m = {robot.com_y_m:g} make the robot fall "
-                f"over; stay less than {inside_m:g} from its axis"
-            )
-        moved_m = math.hypot(*self.centre_of_mass_m)
-        if not moved_m < inside_m:
-            raise ConfigError(
-                f"world.payload_g = {self.world.payload_g:g} at payload_offset_mm = "
-                f"{list(self.world.payload_offset_mm)} moves the centre of mass "
-                f"{1e3 * moved_m:.1f} mm from the robot's axis, which falls over from "
-                f"{1e3 * inside_m:.1f} mm on; give a lighter "
-                "payload or a smaller offset"
-            )
-        for name, places in (("foot_radius_m", robot.feet), ("motor_radius_m", robot.motors)):
-            if not places and getattr(robot, name) >= robot.diameter_m / 2.0:
-                raise ConfigError(
-                    f"{name} = {getattr(robot, name):g} lies outside a robot of diameter_m = "
-                    f"{robot.diameter_m:g}; make it less than half of that"
-                )
-        if not robot.motors and robot.motor_radius_m <= robot.motor_length_m / 2.0:
-            raise ConfigError(
-                f"two motors of motor_length_m = {robot.motor_length_m:g} do not fit next to each "
-                f"other at motor_radius_m = {robot.motor_radius_m:g} into a robot of diameter_m = "
-                f"{robot.diameter_m:g}; make the robot larger"
-            )
-
-    def _check_heights(self) -> None:
-        """Refuse motors below the floor or above the body."""
-        robot = self.robot
-        name = "place_m[2]" if robot.motors else "motor_axis_height_m"
-        for mount in params.mounts_of(robot):
-            if not 0.0 <= mount.place_m[2] <= robot.height_m:
-                raise ConfigError(
-                    f"a motor has {name} = {mount.place_m[2]:g} above the floor, which is outside "
-                    f"a body of height_m = {robot.height_m:g}; give 0 to that"
-                )
+        self._check_places()
 
     def _check_places(self) -> None:
         """Refuse motors and feet outside the body, and feet on which it falls over."""
@@ -219,8 +180,12 @@ class CoSimConfig:
                     f"a {name} at ({x:g}, {y:g}) m is outside the body of diameter_m = "
                     f"{robot.diameter_m:g}; move it inwards, or make the body larger"
                 )
-        if not robot.feet:
-            return
+        for mount in robot.motors:
+            if not 0.0 <= mount.place_m[2] <= robot.height_m:
+                raise ConfigError(
+                    f"a motor has place_m[2] = {mount.place_m[2]:g} above the floor, which is "
+                    f"outside a body of height_m = {robot.height_m:g}; give 0 to that"
+                )
         if "mu" in dict(self.sources) and all(foot.mu is not None for foot in robot.feet):
             raise ConfigError(
                 f"mu = {robot.mu:g} has no effect: every foot of this machine has its own; leave "
@@ -276,17 +241,15 @@ class CoSimConfig:
         return replace(self, sources=())
 
     def sized(self, diameter_m: float) -> "CoSimConfig":
-        """Return these parameters for robots of another diameter, feet and motors near its rim.
+        """Return these parameters for robots of another diameter, feet and motors in proportion.
 
-        To be called before a calibration: motor speeds depend on the robot's inertia.
+        Heights stay. To be called before a calibration: motor speeds depend on the robot's inertia.
         """
-        robot = self.robot
-        if robot.diameter_m == diameter_m:
+        if self.robot.diameter_m == diameter_m:
             return self
-        scale = diameter_m / robot.diameter_m
-        feet = {n: scale * getattr(robot, n) for n in ("foot_radius_m", "motor_radius_m")}
-        own = tree_of("scenario", diameter_m=diameter_m)
-        return self.merged(tree_of("in proportion to the diameter", **feet), own)
+        robot = self.robot.spread(diameter_m / self.robot.diameter_m)
+        places = tree_of("in proportion to the diameter", motors=robot.motors, feet=robot.feet)
+        return self.merged(places, tree_of("scenario", diameter_m=diameter_m))
 
     def in_world(self, world: World) -> "CoSimConfig":
         """Return these parameters in another world, as declared.
@@ -304,6 +267,8 @@ class CoSimConfig:
         It is `timing.move_limit_s`, and longer in proportion where moves need longer than those of
         the paper's robot on its cells.
         """
+        if not self.steering.given:  # motors get set points: there are no moves
+            return self.timing.move_limit_s
         usual_s = _longest_move_s(params.STEERING, Scenario.cell_m)
         share = _longest_move_s(self.steering, cell_m) / usual_s
         return self.timing.move_limit_s * max(1.0, share)
@@ -339,9 +304,13 @@ class CoSimConfig:
         The largest one is the share of the top speed that it is for the paper's robot; the scales
         of velocities are that robot's.
         """
-        share = self.top_speed_rad_s / CoSimConfig().top_speed_rad_s
-        most = params.STEERING.max_speed_rad_s * share
-        return self.having("computed: in proportion to the top speed", max_speed_rad_s=most)
+        usual, share = params.STEERING, self.top_speed_rad_s / CoSimConfig().top_speed_rad_s
+        scales = {n: getattr(usual, n) for n in ("drive_speed_m_s", "turn_rate_rad_s")}
+        most = tree_of(
+            "computed: in proportion to the top speed",
+            max_speed_rad_s=usual.max_speed_rad_s * share,
+        )
+        return self.merged(most, tree_of("as of the paper's robot", **scales))
 
     @property
     def voltage_driven(self) -> bool:
@@ -409,9 +378,13 @@ def proportional(steering: params.SteeringParams, share: float) -> Tree:
 
 
 def not_calibrated(motors: int) -> Tree:
-    """Return the steering of a machine with motors of its own, which moves none of them."""
-    speeds = dict.fromkeys((n for n in _STEERING if n.endswith("_speed_rad_s")), 0.0)
-    shares = (params.MotorShares(*[0.0] * 6),) * motors
+    """Return the steering of a machine whose shares are to be found, which moves no motor.
+
+    It asks for no speed: the machine drives and turns as its primitives are found.
+    """
+    names = [n for n in _STEERING if n.endswith("_speed_rad_s")]
+    speeds = dict.fromkeys((*names, "drive_speed_m_s", "turn_rate_rad_s"), 0.0)
+    shares = (params.MotorShares(),) * motors
     drives = (params.Drive(difference=(0.0,) * motors),) * 4
     return tree_of("not calibrated", **speeds, shares=shares, drives=drives)
 

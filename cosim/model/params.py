@@ -11,12 +11,11 @@ from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 from msgspec import Meta
 
-from cosim.base.errors import UserError
-
 MAX_MOTORS, MAX_FEET = 8, 32  # of a machine
 MAX_VALUE = 1e9  # of a parameter in its unit
 Positive = Annotated[float, Meta(gt=0.0, le=MAX_VALUE)]
 Amount = Annotated[float, Meta(ge=0.0, le=MAX_VALUE)]
+Share = Annotated[float, Meta(ge=-1.0, le=1.0)]
 
 
 class Quantity(NamedTuple):
@@ -70,17 +69,18 @@ class Foot(NamedTuple):
 class RobotParams(NamedTuple):
     """Rigid body, feet, motor mounts and floor friction of one robot (Table I and assumed).
 
-    With `motors`, mass, centre of mass and inertia are those of the whole machine, eccentric masses
-    included as if on their shafts. Without, equations are the paper's: the weight of the eccentric
+    Motors and feet are in the order of the machine's file; defaults are those of Fig. 4b. With
+    `masses_included`, mass, centre of mass and inertia are those of the whole machine, eccentric
+    masses included as if on their shafts. Without, equations are the paper's: the weight of these
     masses in Eq. (3) comes on top of that of `mass_kg` in Eq. (2).
     """
 
     mass_kg: Annotated[Positive, Quantity("kg", "Table I", "mini-robot mass")] = 0.1
+    masses_included: Annotated[
+        bool, Quantity("", "Eq. (2) and (3)", "whether mass_kg includes the eccentric masses")
+    ] = False
     diameter_m: Annotated[Positive, Quantity("m", "Table I", "mini-robot diameter")] = 0.05
     height_m: Annotated[Positive, Quantity("m", "Table I", "mini-robot height")] = 0.045
-    motor_axis_height_m: Annotated[
-        Amount, Quantity("m", "Table I", "vibration motor axis above the floor")
-    ] = 0.003
     motor_diameter_m: Annotated[
         Amount, Quantity("m", "Table I", "vibration motor body diameter")
     ] = 0.0044
@@ -97,14 +97,6 @@ class RobotParams(NamedTuple):
     com_y_m: Annotated[
         float, Quantity("m", "assumed", "centre of mass to the left of it, likewise")
     ] = 0.0
-    foot_radius_m: Annotated[
-        Positive,
-        Quantity("m", "assumed: just inside the rim", "circle of the three contacts A, B, C"),
-    ] = 0.023
-    motor_radius_m: Annotated[
-        Amount,
-        Quantity("m", "assumed: just inside the rim", "distance of motors D, E from the centre"),
-    ] = 0.0225
     mu: Annotated[
         Amount,
         Quantity("1", "assumed: 0.1 to 0.4 in the literature", "Coulomb friction of the feet"),
@@ -118,35 +110,36 @@ class RobotParams(NamedTuple):
     ] = ()
     motors: Annotated[
         tuple[Mount, ...],
-        Quantity("m", "Fig. 4b: D and E at motor_radius_m", "motors, if others than these"),
-    ] = ()
+        Meta(min_length=1),
+        Quantity("m", "Table I: height; assumed: just inside the rim", "motors D, E and so on"),
+    ] = (
+        Mount((0.0, 0.0225, 0.003), (0.0, 1.0, 0.0)),
+        Mount((0.0, -0.0225, 0.003), (0.0, -1.0, 0.0)),
+    )
     feet: Annotated[
         tuple[Foot, ...],
-        Quantity("m", "Fig. 4b: A, B and C at foot_radius_m", "feet, if others than these"),
-    ] = ()
+        Meta(min_length=1),
+        Quantity("m", "assumed: circle of 23 mm, just inside the rim", "feet A, B, C and so on"),
+    ] = (
+        Foot(0.011500000000000002, 0.019918584287042088),
+        Foot(-0.023, 0.0),
+        Foot(0.011500000000000002, -0.019918584287042088),
+    )
 
     @property
-    def own_layout(self) -> bool:
-        """Whether motors or feet are elsewhere than in Fig. 4b, so that primitives are found."""
-        return bool(self.motors or self.feet)
+    def foot_radius_m(self) -> float:
+        """Largest distance of a foot from the robot's axis."""
+        return max(math.sqrt(foot.x_m * foot.x_m + foot.y_m * foot.y_m) for foot in self.feet)
 
-    def require_pair(self, what: str) -> None:
-        """Refuse a machine whose motors or feet are elsewhere than in Fig. 4b."""
-        if self.own_layout:
-            raise UserError(
-                f"{what} needs the two motors and three feet of Fig. 4b; this machine has "
-                f"{self.motors_count} motors and {self.feet_count} feet of its own"
-            )
-
-    @property
-    def motors_count(self) -> int:
-        """Number of motors."""
-        return len(self.motors) or 2
-
-    @property
-    def feet_count(self) -> int:
-        """Number of feet."""
-        return len(self.feet) or 3
+    def spread(self, factor: float) -> "RobotParams":
+        """Return a robot whose motors and feet are a factor as far from its axis."""
+        motors = (
+            mount._replace(place_m=(factor * x, factor * y, z))
+            for mount in self.motors
+            for x, y, z in [mount.place_m]
+        )
+        feet = (foot._replace(x_m=factor * foot.x_m, y_m=factor * foot.y_m) for foot in self.feet)
+        return self._replace(motors=tuple(motors), feet=tuple(feet))
 
 
 class NoiseParams(NamedTuple):
@@ -194,16 +187,16 @@ class MotorShares(NamedTuple):
     """What a motor does in each motion primitive of its machine, as a share of the speed of it."""
 
     # forwards, backwards, leftwards, rightwards: of the speeds of driving
-    forwards: float
-    backwards: float
-    leftwards: float
-    rightwards: float
+    forwards: Share = 0.0
+    backwards: Share = 0.0
+    leftwards: Share = 0.0
+    rightwards: Share = 0.0
     # left_turn, right_turn: of the speed of turning
-    left_turn: float
-    right_turn: float
+    left_turn: Share = 0.0
+    right_turn: Share = 0.0
     # dither, turn_dither: of the dither, while driving and while turning
-    dither: float = 0.0
-    turn_dither: float = 0.0
+    dither: Share = 0.0
+    turn_dither: Share = 0.0
 
 
 # Motors D and E of Fig. 4b, by the signs of Eq. (3); they drive no robot sideways.
@@ -297,6 +290,11 @@ class SteeringParams(NamedTuple):
         tuple[Drive, Drive, Drive, Drive],
         Quantity("1", "Eq. (3)", "driving forwards, backwards, leftwards and rightwards"),
     ] = (Drive(), Drive(), Drive(), Drive())
+
+    @property
+    def given(self) -> bool:
+        """Whether the motors' shares are there: given by the machine's file, or found."""
+        return any(any(own) for own in self.shares)
 
     @property
     def facings(self) -> Facings:
@@ -403,15 +401,6 @@ def feet_names(feet: int) -> tuple[str, ...]:
     return ("A", "B", "C") if feet == 3 else tuple(f"F{foot + 1}" for foot in range(feet))
 
 
-def mounts_of(robot: RobotParams) -> tuple[Mount, ...]:
-    """Motors of a robot; D (φ = 90°, on +y) and E (φ = −90°, on −y) of Fig. 4b if not stated."""
-    height_m = robot.motor_axis_height_m
-    return robot.motors or tuple(
-        Mount((0.0, side * robot.motor_radius_m, height_m), (0.0, side, 0.0))
-        for side in (1.0, -1.0)
-    )
-
-
 def level_share(axis: Place) -> float:
     """Share of gravity that turns a mass about a shaft: the sine of its angle to the vertical."""
     return math.sqrt(axis[0] * axis[0] + axis[1] * axis[1])
@@ -419,7 +408,7 @@ def level_share(axis: Place) -> float:
 
 def motors_of(robot: RobotParams, motor: MotorParams) -> tuple[MotorParams, ...]:
     """Parameters of each motor of a robot."""
-    return tuple(motor._replace(**dict(mount.own)) for mount in mounts_of(robot))
+    return tuple(motor._replace(**dict(mount.own)) for mount in robot.motors)
 
 
 def cylinder_inertia(robot: RobotParams) -> tuple[float, float, float]:
@@ -462,8 +451,8 @@ def lift_off_speed(robot: RobotParams, motor: MotorParams) -> float:
 
     Vertical shafts lift nothing: then the largest speed that a motor has at its largest voltage.
     """
-    motors = list(zip(mounts_of(robot), motors_of(robot, motor), strict=True))
-    on_top = 0.0 if robot.motors else sum(own.m for _, own in motors)  # see `RobotParams`
+    motors = list(zip(robot.motors, motors_of(robot, motor), strict=True))
+    on_top = 0.0 if robot.masses_included else sum(own.m for _, own in motors)
     weight = (robot.mass_kg + on_top) * motor.g
     lifting = sum(own.m * own.r * level_share(mount.axis) for mount, own in motors)
     if lifting > 0.0:

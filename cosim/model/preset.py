@@ -3,7 +3,8 @@
 A file says what differs from Tables I and II: in `[body]` (`RobotParams`), `[motor]`
 (`MotorParams`, of all motors), `[drive]` (of the steering), `[world]` (those of `World` that belong
 to a machine) and `[world.sensor]`. Tables `[[motor]]` and `[[foot]]` say where motors and feet are,
-in place of those of Fig. 4b. In each, `source` says where its values are from: a text, or a table
+and `shares` in each `[[motor]]` what it does in the motion primitives; where motors state none, a
+calibration finds them. In each table, `source` says where its values are from: a text, or a table
 with a text for each of them; at the top of the file it says so of the machine.
 """
 
@@ -29,14 +30,16 @@ from cosim.model.params import (
     TABLE_I,
     TABLE_II,
     Amount,
+    Drive,
     Foot,
     MotorParams,
+    MotorShares,
     Mount,
     RobotParams,
     lift_off_speed,
 )
 from cosim.model.scenario import Scenario
-from cosim.model.world import Sensor, Tree, parameter_name
+from cosim.model.world import Sensor, Tree, parameter_name, tree_of
 
 PAPER = "paper"
 # What a machine may state. Other fields of a world are of the table that the machine stands on.
@@ -47,21 +50,11 @@ FIELDS = {
     "world": ("restitution", "motor_spread", "motor_speed_noise"),
     "world.sensor": Sensor.__struct_fields__,
 }
-_SIZE = ("diameter_m", "foot_radius_m", "motor_radius_m", "motors", "feet")
+_TABLES = ("motors", "shares", "feet")  # of `[[motor]]` and `[[foot]]`
+_WEIGHED = tree_of("as weighed", masses_included=True)  # unless a file says otherwise
 OF_LOOP = "K_p", "K_i", "relative_amplitude"  # what has an effect in the speed loop alone
-SHOWN = {  # names of parameters that files and options have others for
-    "relative_amplitude": "motor_speed_noise (--noise)",
-    "drive_speed_m_s": "drive_speed_m_s (--speed)",
-}
-# What has no effect where something else is stated: where, and the fields.
-_NO_EFFECT = {
-    "motors": (
-        "next to tables [[motor]]",
-        ("motor_radius_m", "motor_axis_height_m", "drive_speed_m_s", "turn_rate_rad_s"),
-    ),
-    "feet": ("next to tables [[foot]]", ("foot_radius_m", "drive_speed_m_s", "turn_rate_rad_s")),
-    "pulse_s": ("where motors are pulsed, which have no speed loop", OF_LOOP),
-}
+# Names of parameters that files and options have others for
+SHOWN = {"relative_amplitude": "motor_speed_noise (--noise)"}
 PLANE_M = 1e-6  # heights of feet that differ by less are one: see docs/physics.md
 _USUAL = TABLE_II._asdict()
 _FOLDER = Path(__file__).parent
@@ -84,9 +77,10 @@ class Preset(NamedTuple):
         """Parameters of the machine, over which later trees hold first; not yet calibrated.
 
         Motor speeds of the steering are those of the paper's robot, as shares of lift-off. A
-        machine with other motors has none before its calibration.
+        machine with motors or feet in other places has none before its calibration, unless its
+        motors state their shares.
         """
-        tree = {name: leaf for each in (self.tree, *trees) for name, leaf in each.items()}
+        tree = {name: leaf for each in (_WEIGHED, self.tree, *trees) for name, leaf in each.items()}
         self._require_effect(tree)
         robot, motor = (
             validate_argument(
@@ -96,8 +90,12 @@ class Preset(NamedTuple):
         )
         share = lift_off_speed(robot, motor) / lift_off_speed(TABLE_I, TABLE_II)
         steering = {} if share == 1.0 else proportional(STEERING, share)
-        if robot.own_layout:
-            steering = not_calibrated(robot.motors_count)
+        if "shares" in tree:
+            shares, source = tree["shares"]
+            drive = Drive(difference=tuple(own.left_turn for own in shares))
+            steering |= tree_of(source, drives=(drive,) * 4)
+        elif not tree.keys().isdisjoint({"motors", "feet"}):
+            steering = not_calibrated(len(robot.motors))
         return CoSimConfig(preset=self.name).merged(steering, tree)
 
     def _require_effect(self, tree: Mapping[str, tuple[Any, str]]) -> None:
@@ -105,14 +103,12 @@ class Preset(NamedTuple):
         mounts, _ = tree.get("motors", ((), ""))
         own = [dict(mount.own) for mount in mounts]
         stated = {*tree}.union(*own)
-        for name, (where, fields) in _NO_EFFECT.items():
-            if not tree.get(name, (None,))[0]:
-                continue
-            for field in fields:
-                if field in stated:
-                    raise UserError(
-                        f"{SHOWN.get(field, field)} has no effect {where}; leave it out"
-                    )
+        for field in OF_LOOP if tree.get("pulse_s", (0.0,))[0] else ():
+            if field in stated:
+                raise UserError(
+                    f"{SHOWN.get(field, field)} has no effect where motors are pulsed, which have "
+                    "no speed loop; leave it out"
+                )
         for name, (value, _) in tree.items():
             theirs = [each[name] for each in own if name in each]
             if len(theirs) == len(own) and any(each != value for each in theirs):
@@ -124,26 +120,25 @@ class Preset(NamedTuple):
     def board(self, scenario: Scenario) -> Scenario:
         """Return a scenario with robots of the diameter that it states, by default the machine's.
 
-        A machine that states nothing of its size, such as the paper's, has any diameter: feet and
-        motors are scaled, see `CoSimConfig.sized`.
+        A machine that does not state its own, such as the paper's, has any: its feet and motors are
+        spread in proportion, see `CoSimConfig.sized`.
         """
         stated_m = scenario.robot_diameter_m
         own_m, _ = self.tree.get("diameter_m", (TABLE_I.diameter_m, ""))
         if stated_m is None and own_m != scenario.diameter_m:
             return replace(scenario, robot_diameter_m=own_m)
-        size = [n for n in self.tree if n in _SIZE]
-        if scenario.diameter_m != own_m and size:
+        if scenario.diameter_m != own_m and "diameter_m" in self.tree:
             raise UserError(
-                f"preset {self.name} states {' and '.join(size)} of a machine of diameter_m = "
-                f"{own_m:g}, but scenario {scenario.name} has robot_diameter_m = {stated_m:g}; "
-                "leave it out of the scenario, or choose another machine"
+                f"preset {self.name} states diameter_m = {own_m:g}, but scenario {scenario.name} "
+                f"has robot_diameter_m = {stated_m:g}; leave it out of the scenario, or choose "
+                "another machine"
             )
         return scenario
 
     def save(self, path: str | Path) -> None:
         """Write a file that `find_preset` reads: what the machine states, with sources."""
         lines = [f"source = {_value(self.source)}"]
-        own = {name: leaf for name, leaf in self.tree.items() if name not in ("motors", "feet")}
+        own = {name: leaf for name, leaf in self.tree.items() if name not in _TABLES}
         for table, fields in FIELDS.items():
             names = {field: parameter_name(table, field) for field in fields}
             stated = {field: own[name] for field, name in names.items() if name in own}
@@ -152,9 +147,11 @@ class Preset(NamedTuple):
                 lines += _table(f"[{table}.source]", {n: text for n, (_, text) in stated.items()})
         mounts, source = self.tree.get("motors", ((), ""))
         common = {n: v for n, (v, _) in own.items() if n in FIELDS["motor"]}
-        for mount in mounts:
+        shares, _ = self.tree.get("shares", (len(mounts) * [MotorShares()], ""))
+        for mount, share in zip(mounts, shares, strict=True):
             where = {"source": source, "place_m": mount.place_m, "axis": mount.axis}
-            lines += _table("[[motor]]", where | common | dict(mount.own))
+            given = {"shares": share._asdict()} if any(share) else {}
+            lines += _table("[[motor]]", where | given | common | dict(mount.own))
         feet, source = self.tree.get("feet", ((), ""))
         for foot in feet:
             mu = {} if foot.mu is None else {"mu": foot.mu}
@@ -216,8 +213,8 @@ def _preset(name: str, content: dict[str, Any]) -> Preset:
     tables = {"body": file.body, "drive": file.drive, "world": file.world}
     tree: Tree = {}
     if isinstance(file.motor, list):
-        tables["motor"], leaf = _motors(file.motor)
-        tree["motors"] = leaf
+        tables["motor"], own = _motors(file.motor)
+        tree |= own
     else:
         tables["motor"] = file.motor
     if file.foot is not None:
@@ -237,10 +234,11 @@ def _preset(name: str, content: dict[str, Any]) -> Preset:
     return Preset(name, file.source, tree)
 
 
-def _motors(tables: list[_Component]) -> tuple[_Component, tuple[Any, str]]:
+def _motors(tables: list[_Component]) -> tuple[_Component, Tree]:
     """Return parameters that all motors state alike, and where each is and what it states."""
     source = _joined([str(table.pop("source", "")) for table in tables])
     found, falls, states_g = list[Mount](), set[float](), any("g" in table for table in tables)
+    shares = _shares(tables)
     for k, table in enumerate(tables):
         where = f"motor[{k}]."
         require_names(where, table, ("place_m", "axis", *MotorParams._fields))
@@ -264,7 +262,26 @@ def _motors(tables: list[_Component]) -> tuple[_Component, tuple[Any, str]]:
     common = {n: v for n, v in found[0].own if all(dict(m.own).get(n) == v for m in found)}
     if states_g:
         common["g"] = falls.pop()
-    return common | {"source": source}, (tuple(found), source)
+    return common | {"source": source}, tree_of(source, motors=tuple(found), shares=shares)
+
+
+def _shares(tables: list[_Component]) -> tuple[MotorShares, ...] | None:
+    """Take the shares of all motors out of their tables; None where they state none."""
+    stated = [table.pop("shares", None) for table in tables]
+    if all(own is None for own in stated):
+        return None
+    found = []
+    for k, own in enumerate(stated):
+        if own is None:
+            raise UserError(
+                f"motor[{k}] states no shares, but others do; give them in every table [[motor]], "
+                "or in none, so that `minirobots calibrate` finds them"
+            )
+        table = validate_argument(f"motor[{k}].shares", own, dict[str, Any])
+        require_names(f"motor[{k}].shares.", table, MotorShares._fields)
+        values = [table.get(name, 0.0) for name in MotorShares._fields]
+        found.append(validate_argument(f"motor[{k}].shares", values, MotorShares))
+    return tuple(found)
 
 
 def _feet(tables: list[_Component]) -> tuple[Any, str]:
@@ -290,9 +307,11 @@ def _table(heading: str, values: Mapping[str, Any]) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    """Return a text, a number or numbers in TOML: texts as in JSON, with DEL escaped too."""
+    """A text, number, truth value, list or table as in TOML; texts as in JSON, but for DEL."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(map(_value, value))}]"
-    return repr(float(value))
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{name} = {_value(own)}' for name, own in value.items())}}}"
+    return repr(value).lower() if isinstance(value, bool) else repr(float(value))

@@ -71,7 +71,7 @@ def stand(state: np.ndarray, height_m: float, x_m: float, y_m: float, heading_ra
 
 def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: float) -> np.ndarray:
     """State of a robot at rest on its feet, shape (state_size(M),)."""
-    state = np.empty(state_size(robot.feet_count))
+    state = np.empty(state_size(len(robot.feet)))
     stand(state, robot.com_height_m, x_m, y_m, heading_rad)
     return state
 

@@ -17,12 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined
-from cosim.model.params import Foot, RobotParams
+from cosim.model.params import RobotParams
 from cosim.model.world import World
 from cosim.physics.lanes import select
 from cosim.physics.mass import Mass, mass_of
 from cosim.physics.rotation import Vector, dot, plus
-from cosim.physics.trig import sine_cosine
 
 Impulse = tuple[float, Vector]
 
@@ -88,18 +87,9 @@ class ContactParams(NamedTuple):
     max_sweeps: int  # bound on the gradient steps of one time step
 
 
-def feet_of(robot: RobotParams) -> tuple[Foot, ...]:
-    """Feet of a robot; A and C at +x, B at −x of Fig. 4b if not stated."""
-    if robot.feet:
-        return robot.feet
-    sine, cosine = sine_cosine(math.pi / 3.0)
-    x, y = robot.foot_radius_m * cosine, robot.foot_radius_m * sine
-    return Foot(x, y), Foot(-robot.foot_radius_m, 0.0), Foot(x, -y)
-
-
 def foot_positions(robot: RobotParams) -> np.ndarray:
     """Feet from the robot's axis at the height of the centre of mass, shape (M, 3), m."""
-    return np.array([(foot.x_m, foot.y_m, -robot.com_height_m) for foot in feet_of(robot)])
+    return np.array([(foot.x_m, foot.y_m, -robot.com_height_m) for foot in robot.feet])
 
 
 def floor_margin(robot: RobotParams, world: World) -> float:
@@ -115,7 +105,7 @@ def delassus(robot: RobotParams, mass: Mass | None = None) -> np.ndarray:
     robot without payload.
     """
     mass = mass or mass_of(robot)
-    jacobian = np.zeros((3 * len(feet_of(robot)), 6))
+    jacobian = np.zeros((3 * len(robot.feet), 6))
     for i, (x, y, z) in enumerate(foot_positions(robot) - (*mass.centre, 0.0)):
         jacobian[3 * i : 3 * i + 3, :3] = np.eye(3)
         jacobian[3 * i : 3 * i + 3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
@@ -132,10 +122,8 @@ def contact_params(robot: RobotParams, tolerance: float, mass: Mass | None = Non
     geometry. The operator includes the compliance.
     """
     mass = mass or mass_of(robot)
-    feet = feet_of(robot)
-    own = [math.sqrt(foot.x_m * foot.x_m + foot.y_m * foot.y_m) for foot in robot.feet]
-    pairing = paired([(foot.x_m, foot.y_m) for foot in feet])
-    ordered = [feet[k] for k in pairing.order]
+    pairing = paired([(foot.x_m, foot.y_m) for foot in robot.feet])
+    feet = [robot.feet[k] for k in pairing.order]
     operator = delassus(robot, mass)
     normal = np.arange(len(operator)) % 3 == 2
     compliance = 0.0
@@ -149,12 +137,12 @@ def contact_params(robot: RobotParams, tolerance: float, mass: Mass | None = Non
     largest = np.linalg.eigvalsh(operator / np.outer(root, root))[-1]
     return ContactParams(
         pairing,
-        tuple((foot.x_m, foot.y_m) for foot in ordered),
+        tuple((foot.x_m, foot.y_m) for foot in feet),
         -robot.com_height_m,
-        mu=tuple(robot.mu if foot.mu is None else foot.mu for foot in ordered),
+        mu=tuple(robot.mu if foot.mu is None else foot.mu for foot in feet),
         step_normal=_rounded(1.0 / (largest * scale[2])),
         step_tangential=_rounded(1.0 / (largest * scale[0])),
-        spin_inertia=mass.inertia[2] / max(own, default=robot.foot_radius_m),
+        spin_inertia=mass.inertia[2] / robot.foot_radius_m,
         tolerance=tolerance,
         compliance=compliance,
         max_sweeps=MAX_SWEEPS,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.jit import inlined, unrolled
-from cosim.model.params import MotorParams, RobotParams, level_share, mounts_of
+from cosim.model.params import MotorParams, RobotParams, level_share
 from cosim.physics.rotation import Vector, cross, plus
 from cosim.physics.trig import sine_cosine
 
@@ -43,14 +43,13 @@ class MotorMount(NamedTuple):
 
 def motor_mounts(robot: RobotParams, motors: Sequence[MotorParams]) -> tuple[MotorMount, ...]:
     """Mounts of a robot's motors with the parameters of each, in their order."""
-    places = mounts_of(robot)
-    along_y = all(mount.place_m[0] == 0.0 == 1.0 - abs(mount.axis[1]) for mount in places)
+    along_y = all(mount.place_m[0] == 0.0 == 1.0 - abs(mount.axis[1]) for mount in robot.motors)
     found = []
-    for mount, own in zip(places, motors, strict=True):
+    for mount, own in zip(robot.motors, motors, strict=True):
         x, y, height = mount.place_m
         z, sine = height - robot.com_height_m, mount.axis[1]
         shaft = () if along_y else (Shaft(*directions(mount.axis), mount.axis, x),)
-        weight = 0.0 if robot.motors else own.m * own.g  # see `RobotParams`
+        weight = 0.0 if robot.masses_included else own.m * own.g
         found.append(MotorMount(own.m, own.r, own.J, own.g, weight, y, z, sine, shaft))
     return tuple(found)
 

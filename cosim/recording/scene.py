@@ -14,7 +14,7 @@ from matplotlib import colormaps
 from cosim.base.colours import robot_rgba
 from cosim.coupling.rl_step import Step
 from cosim.model.config import CoSimConfig
-from cosim.model.params import RobotParams, motors_of, mounts_of
+from cosim.model.params import RobotParams, motors_of
 from cosim.model.scenario import Scenario
 from cosim.model.world import Patch
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
@@ -173,7 +173,7 @@ def _write_robot(file: Kept, name: str, colour: int, robot: RobotParams) -> None
     )
     feet = foot_positions(robot)
     file.static(f"{base}/feet", rr.Points3D(feet, radii=0.001, colors=INK))
-    mounts = mounts_of(robot)
+    mounts = robot.motors
     down = np.array([0.0, 0.0, robot.com_height_m])
     file.static(
         f"{base}/motors",
@@ -299,7 +299,7 @@ class RobotScene:
         rows = np.union1d(sampled.ends(self._pose_periods), sampled.bursts(burst))
         theta = sampled.samples.theta[rows, self._robot]
         robot, motor = self._config.robot, self._config.motor
-        mounts, radii = mounts_of(robot), [own.r for own in motors_of(robot, motor)]
+        mounts, radii = robot.motors, [own.r for own in motors_of(robot, motor)]
         masses = np.empty((len(rows), len(mounts), 3))
         for k, (mount, r, angle) in enumerate(zip(mounts, radii, theta.T, strict=True)):
             hanging, ahead = directions(mount.axis)

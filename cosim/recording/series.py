@@ -222,9 +222,9 @@ def signals_of(
     robot: RobotParams = TABLE_I, *, distances: bool, camera: bool, full: bool = True
 ) -> list[SignalSpec]:
     """The meaningful ones: `distances` to other robots, estimates only with a camera."""
-    feet = feet_names(robot.feet_count)
+    feet = feet_names(len(robot.feet))
     own = {
-        _DE: tuple(motor_names(robot.motors_count)),
+        _DE: tuple(motor_names(len(robot.motors))),
         _ABC: feet,
         _FRICTION: tuple(f"{foot} {axis}" for foot in feet for axis in _XY),
     }

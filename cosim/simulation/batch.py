@@ -119,7 +119,7 @@ class Batch:
         self._motors = Motors(fmu, config, columns, sampled=driver == "fmpy")
         self.driver = DRIVERS[driver](self._motors, lanes)
         self.plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
-        self._sizes = config.robot.motors_count, config.robot.feet_count
+        self._sizes = len(config.robot.motors), len(config.robot.feet)
         self.state = new_state(places, robots, columns, *self._sizes)
         self.state.properties[:] = robot_properties(config)[:, None]
         self.episodes: list[RunningEpisode | None] = [None] * places
@@ -168,7 +168,7 @@ class Batch:
         state.boards[place], state.cells_m[place] = scenario.size_m, scenario.cell_m
         state.margins_m[place] = floor_margin(config.robot, config.world)
         self._make_room(place, scenario, config)
-        phases = motor_phases(config.world, self.robots, config.robot.motors_count)
+        phases = motor_phases(config.world, self.robots, len(config.robot.motors))
         episode = kind(scenario, config, self.state, columns, starts, seed, sampled)
         of_robots = range(columns.start, columns.stop)
         start = self._motors.restart(of_robots, episode.drawn.motors, phases)

@@ -138,7 +138,7 @@ class DrivenEpisode(RunningEpisode):
         return step
 
     def _directions(self, action: Any) -> np.ndarray:
-        n, motors = self.scenario.robots, self.config.robot.motors_count
+        n, motors = self.scenario.robots, len(self.config.robot.motors)
         if (set_points := numbers(action, (n, motors))) is None:
             raise UserError(
                 f"the policy returned {shorten(action)}; expected {n} x {motors} finite numbers, "

@@ -85,7 +85,7 @@ class RunningEpisode:
     def bind(self, state: State) -> None:
         """Take the episode's columns of a co-simulation's state for its own."""
         self._robots = rules.robots_of(state, self._columns.start)
-        motors = self.config.robot.motors_count
+        motors = len(self.config.robot.motors)
         self._speeds = state.outputs[motors : 2 * motors, self._columns].T
 
     def __getstate__(self) -> dict[str, Any]:

@@ -180,7 +180,8 @@ class SimulationOptions(Physics, DecisionOptions):
     of the scenario file."""
     speed: Annotated[Positive | None, tyro.conf.arg(metavar="MM_S")] = None
     """Speed while driving, in mm/s. Motor speeds follow from a calibration, which refuses a speed
-    that needs hopping; by default 3.9, or what is possible without (0.97 with a μ of 0.4)."""
+    that needs hopping; by default 3.9, or what is possible without (0.97 with a μ of 0.4), and of
+    machines whose primitives are found that at which they are."""
     on_collision: OnCollision = "end"
     """What happens when a robot touches another one or an obstacle, or its centre enters another
     one's target cell: the episode ends, or they push each other on."""

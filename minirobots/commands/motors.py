@@ -24,7 +24,6 @@ from minirobots.runner import Command, Output
 
 if TYPE_CHECKING:
     from cosim.machine.platform.design import Design
-    from cosim.model.config import CoSimConfig
     from cosim.model.params import RobotParams
 
     TargetChoice = str
@@ -160,66 +159,65 @@ def _merits(motor: Any, merit: Any) -> str:
 class Calibrate(Command):
     """Calibrate the drive: measure the speed and yaw rate that motor speeds give.
 
-    Co-simulates single robots with their motor FMUs and noise, forwards, backwards, left and right,
-    over motor speeds, speed differences and phases between the motors, and writes the map, its
-    scatter and a plot. Of a machine with motors or feet of its own it finds the motion primitives:
-    the set points that drive and turn it, from random ones, with their repeatability, and draws
-    where they take it. The co-simulation calibrates itself likewise when robot, motors, FMU, clock
-    or noise change; this command shows the result.
+    Of a machine whose file does not say how its motors drive and turn it, the motion primitives are
+    found first: set points, from random ones, with their repeatability, and a drawing of where they
+    take it. Then single robots are co-simulated with their motor FMUs and noise in every primitive,
+    over motor speeds, speed differences and phases between the motors: the map, its scatter and a
+    plot. The co-simulation calibrates itself likewise when robot, motors, FMU, clock or noise
+    change; this command shows the result.
     """
 
     out: opt.Folder = Path("runs/calibration")
-    """Output folder: calibration.npz, .json and .png; of a machine with motors or feet of its own
-    primitives.json and .png."""
+    """Output folder: calibration.npz, .json and .png, and primitives.json and .png if they are
+    found."""
     again: bool = False
     """Measure even if the cache has this calibration."""
     jobs: opt.Jobs = -1
     physics: Annotated[Physics, tyro.conf.OmitArgPrefixes] = field(default_factory=Physics)
 
     def run(self, progress: Progress) -> Output:
+        from analysis.figures.machine import draw_primitives
         from cosim.base.plotting import save_figure
         from cosim.calibration.measuring import find_calibration
-        from cosim.calibration.report import draw, manoeuvre_rows, report_of
+        from cosim.calibration.primitives import find_primitives, primitive_rows, steered
+        from cosim.calibration.report import draw, report_of, speed_rows
         from cosim.fmi.motor import with_motor
 
         config, jobs, out = self.physics.config(), opt.workers(self.jobs), self.out
         out.mkdir(parents=True, exist_ok=True)
         fmu = self.physics.fmu(progress)
         config = with_motor(config, fmu)
-        if config.robot.own_layout:
-            return self._primitives(config, fmu, progress)
+        texts: list[Any] = []
+        if not config.steering.given:
+            primitives = find_primitives(config, fmu, progress, again=self.again)
+            write_json(out / "primitives.json", primitives)
+            save_figure(draw_primitives(primitives, config.robot), out / "primitives.png", dpi=150)
+            header = ("primitive", "ahead, mm/s", "aside, mm/s", "yaw, °/s", "in the air", "rad/s")
+            rows = primitive_rows(primitives, config)
+            config = steered(config, primitives)
+            steering = config.steering
+            texts = [
+                lambda: show_texts(header, rows),
+                f"steered at {1e3 * steering.drive_speed_m_s:.2f} mm/s and "
+                f"{math.degrees(steering.turn_rate_rad_s):.1f} °/s",
+                f"results in {out}/: primitives.json, .png",
+            ]
         calibration = find_calibration(config, fmu, progress, jobs=jobs, again=self.again)
         report = report_of(calibration, config, fmu)
         calibration.save(out / "calibration.npz")
         write_json(out / "calibration.json", report)
-        title = f"One robot, μ = {config.robot.mu:g}, noise ±{config.noise.relative_amplitude:.0%}"
+        noise = config.noise.relative_amplitude
+        title = f"{config.preset}, μ = {config.robot.mu:g}, noise ±{noise:.0%}"
         save_figure(draw(calibration, title), out / "calibration.png", dpi=150)
-        header = ("manoeuvre", "motor speed", "mean", "scatter", "airborne")
+        heads = ("primitive", "motor speed", "mean", "scatter", "airborne")
         return Output(
             report,
-            lambda: show_texts(header, manoeuvre_rows(calibration)),
+            *texts,
+            lambda: show_texts(heads, speed_rows(calibration)),
             f"without hopping: motors up to {report.hop_free_rad_s:.0f} rad/s, "
-            f"{1e3 * report.largest_speed_m_s:.2f} mm/s in both directions, "
-            f"{math.degrees(report.largest_turn_rate_rad_s):.1f} °/s in both directions",
+            f"{1e3 * report.largest_speed_m_s:.2f} mm/s ahead and back, "
+            f"{math.degrees(report.largest_turn_rate_rad_s):.1f} °/s in both turns",
             f"results in {out}/: calibration.npz, .json, .png",
-        )
-
-    def _primitives(self, config: "CoSimConfig", fmu: Path, progress: Progress) -> Output:
-        from analysis.figures.machine import draw_primitives
-        from cosim.base.plotting import save_figure
-        from cosim.calibration.primitives import find_primitives, primitive_rows, steered
-
-        found, out = find_primitives(config, fmu, progress, again=self.again), self.out
-        write_json(out / "primitives.json", found)
-        save_figure(draw_primitives(found, config.robot), out / "primitives.png", dpi=150)
-        steering = steered(config, found).steering
-        header = ("primitive", "ahead, mm/s", "aside, mm/s", "yaw, °/s", "in the air", "rad/s")
-        return Output(
-            found,
-            lambda: show_texts(header, primitive_rows(found, config)),
-            f"steered at {1e3 * steering.drive_speed_m_s:.2f} mm/s and "
-            f"{math.degrees(steering.turn_rate_rad_s):.1f} °/s",
-            f"results in {out}/: primitives.json, .png",
         )
 
 

@@ -26,8 +26,8 @@ def test_paths_lead_to_where_they_are_meant_to(path):
     """What the parts of a path add up to, if each is exact."""
     where, heading = 0j, 0.0
     for manoeuvre, amount in path.legs:
-        if manoeuvre in {"left", "right"}:
-            heading += amount if manoeuvre == "left" else -amount
+        if manoeuvre in {"left_turn", "right_turn"}:
+            heading += amount if manoeuvre == "left_turn" else -amount
         else:
             where += (1.0 if manoeuvre == "forwards" else -1.0) * cmath.rect(amount, heading)
     assert (where.real, where.imag, heading) == pytest.approx(path.meant)
@@ -40,7 +40,7 @@ def test_speeds_are_those_of_the_platform_in_phase(motor_fmu):
 
 
 def test_paths_by_the_clock_end_about_where_they_are_meant_to(motor_fmu):
-    path: Legs = (("forwards", 4e-3), ("left", 0.2), ("backwards", 4e-3))
+    path: Legs = (("forwards", 4e-3), ("left_turn", 0.2), ("backwards", 4e-3))
     config, fmu = CoSimConfig(), MotorFmu(motor_fmu)
     ends = drive_by_the_clock(config, fmu, path, 3, seed=1, dithered=True)
     meant = (4e-3 * (1.0 - math.cos(0.2)), -4e-3 * math.sin(0.2))

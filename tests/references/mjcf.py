@@ -15,7 +15,7 @@ import numpy as np
 from cosim.base.jit import kernel
 from cosim.machine.identification.simulated import Machine, turned
 from cosim.model.params import MotorParams, RobotParams, cylinder_inertia
-from cosim.physics.contact import feet_of, foot_positions
+from cosim.physics.contact import foot_positions
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrenches
 from cosim.physics.lanes import width_of
 from cosim.physics.properties import BodyParams, body_params
@@ -49,7 +49,7 @@ def robots_mjcf(
         f'      <geom type="sphere" size="{FOOT_BALL_M!r}" '
         f'pos="{x!r} {y!r} {z + FOOT_BALL_M!r}" contype="0" conaffinity="1" {contact} '
         f'friction="{robot.mu if foot.mu is None else foot.mu!r} 0 0"/>'
-        for foot, (x, y, z) in zip(feet_of(robot), foot_positions(robot).tolist(), strict=True)
+        for foot, (x, y, z) in zip(robot.feet, foot_positions(robot).tolist(), strict=True)
     )
     bodies = "\n".join(
         f'    <body name="robot_{i}" pos="{x!r} {y!r} {robot.com_height_m!r}">\n'

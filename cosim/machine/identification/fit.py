@@ -57,9 +57,7 @@ def fit(track: SeenTrack, simulated: Simulated, progress: Progress = silent) -> 
     names = [p.name for p in simulated.parameters]
     rougher = np.array([float(name == "mu") for name in names])
     stronger = np.array([float(name.startswith("motor_")) for name in names])
-    starts = [rougher]
-    if simulated.config.robot.own_layout:
-        starts += [-rougher, stronger, -stronger]
+    starts = [rougher, -rougher, stronger, -stronger]
     found = [_fit_from(np.zeros(len(names)), track, simulated, progress)]
     place, turn = LARGE * simulated.drifts(found[0].values)
 

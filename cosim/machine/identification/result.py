@@ -23,7 +23,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.preset import Preset
 
 PRESET_FILE, DRAWING_FILE = "preset.toml", "tracks.svg"
-MOST_SPREAD, MOST_RATE_HZ = 0.3, 1000.0  # of motors and of the camera in a preset
+MOST_RATE_HZ = 1000.0  # of the camera in a preset
 
 
 class Estimate(msgspec.Struct, frozen=True, kw_only=True):
@@ -147,7 +147,7 @@ def _mass_kg(drive: Simulated, found: Fit) -> tuple[float, float | None, float |
 
 
 def _preset(track: SeenTrack, name: str, preset: Preset, drive: Simulated, found: Fit) -> Preset:
-    """The machine; motors of Fig. 4b by their mean, and their difference as the motors' spread."""
+    """The machine."""
     config = drive.config
     robot, motors = machine(found.values, config.robot, config.motor)
     where = f"identified from {name}"
@@ -167,28 +167,22 @@ def _preset(track: SeenTrack, name: str, preset: Preset, drive: Simulated, found
         if n in config.motor._fields and not text.startswith(UNKNOWN_SOURCE)
     }
     tree |= {n: (getattr(robot, n), t) for n, t in intervals.items() if n in robot._fields}
-    if robot.feet:
-        tree["feet"] = (robot.feet, tree["feet"][1])
-        if all(foot.mu is not None for foot in robot.feet):
-            _, text = tree.pop("mu")
-            tree["feet"] = (robot.feet, f"{tree['feet'][1]}; mu in proportion to one {text}")
-    if robot.motors:
-        own = [
-            mount._replace(own=tuple({**dict(mount.own), "r": motor.r}.items()))
-            for mount, motor in zip(robot.motors, motors, strict=True)
-        ]
-        tree.pop("r", None)  # what all stated alike before
-        tree["motors"] = (tuple(own), f"{tree['motors'][1]}; unbalance over m {where}")
-    else:
-        motor_d, motor_e = motors
-        mean = 0.5 * (motor_d.r + motor_e.r)
-        # standard deviation of the two
-        spread = min(abs(motor_d.r - motor_e.r) / (2.0**0.5 * mean), MOST_SPREAD)
-        difference = f"{where}: from the difference of the two motors"
-        tree |= {
-            "r": (mean, f"{where}: mean of both motors' unbalance, over m"),
-            "motor_spread": (round(spread, 4), difference),
-        }
+    sources = dict(config.sources)
+    placed = sources.get("feet", f"as of preset {preset.name}")
+    if all(foot.mu is not None for foot in robot.feet):
+        placed += f"; mu in proportion to one {tree.pop('mu')[1]}"
+    own = [
+        mount._replace(own=tuple({**dict(mount.own), "r": motor.r}.items()))
+        for mount, motor in zip(robot.motors, motors, strict=True)
+    ]
+    tree.pop("r", None)  # what all stated alike before
+    mounted = sources.get("motors", f"as of preset {preset.name}")
+    tree |= {
+        "feet": (robot.feet, placed),
+        "motors": (tuple(own), f"{mounted}; unbalance over m {where}"),
+    }
+    if config.steering.given:
+        tree["shares"] = (config.steering.shares, mounted)
     rate_hz = min(MOST_RATE_HZ, round(float(1.0 / np.median(np.diff(track.times))), 3))
     delay_ms = round(1e3 * float(found.values[-1]), 2)
     heading_deg = round(float(np.rad2deg(found.noise.heading_rad)), 4)

@@ -26,7 +26,6 @@ from cosim.model.params import (
     RobotParams,
     motor_names,
     motors_of,
-    mounts_of,
 )
 from cosim.model.world import IDEAL, World
 from cosim.physics.body import stepped
@@ -71,7 +70,7 @@ class RobotParameter(NamedTuple):
     # as what follows
     spread: float
     step: float  # of its difference quotients
-    # low, high: bounds; the circle of the feet is within the robot too
+    # low, high: bounds
     low: float
     high: float
 
@@ -86,7 +85,6 @@ _PARAMETERS = (
         "com_x_m", "centre of mass before the axis", "mm", 1e3, 0.003, 2e-4, -0.006, 0.006
     ),
     RobotParameter("com_y_m", "centre of mass to the left", "mm", 1e3, 0.003, 2e-4, -0.006, 0.006),
-    RobotParameter("foot_radius_m", "circle of the feet", "mm", 1e3, 0.003, 3e-4, 0.005, 0.1),
     RobotParameter("camera_delay_s", "delay of the camera", "ms", 1e3, 0.1, 0.01, 0.0, 1.0),
 )
 USUAL_DELAY_S = 0.03
@@ -94,12 +92,11 @@ UNITS = {p.name: (p.scale, p.unit) for p in _PARAMETERS}  # for people
 
 
 def parameters_of(robot: RobotParams) -> tuple[RobotParameter, ...]:
-    """Return what is identified of a machine; no circle of the feet where a file places them."""
+    """Return what is identified of a machine; its motors and feet stay where its file has them."""
     *body, camera = _PARAMETERS
-    size = robot.diameter_m / TABLE_I.diameter_m if robot.own_layout else 1.0
+    size = robot.diameter_m / TABLE_I.diameter_m
     body = [RobotParameter(*p[:4], *(size * v for v in p[4:])) if p.unit else p for p in body]
-    body = [p for p in body if not (robot.feet and p.name == "foot_radius_m")]
-    for k, name in enumerate(motor_names(robot.motors_count), start=1):
+    for k, name in enumerate(motor_names(len(robot.motors)), start=1):
         what = f"unbalance of motor {k} ({name}) over its usual one"
         body.append(RobotParameter(f"motor_{name.lower()}", what, "", 1.0, 0.3, 0.01, 0.4, 2))
     return (*body, camera)
@@ -116,7 +113,7 @@ def usual_values(robot: RobotParams = TABLE_I) -> np.ndarray:
     """Values of all parameters before anything is measured, SI units; a camera's delay is 30 ms."""
     names = [p.name for p in parameters_of(robot)]
     body = [getattr(robot, name) for name in names if name in robot._fields]
-    return np.array([*body, *[1.0] * robot.motors_count, USUAL_DELAY_S])
+    return np.array([*body, *[1.0] * len(robot.motors), USUAL_DELAY_S])
 
 
 def machine(
@@ -174,7 +171,7 @@ class Simulated:
     def limits(self) -> np.ndarray:
         """Least and largest values, (2, K) in SI units; a machine's own value is within them."""
         robot = self.config.robot
-        most = {"foot_radius_m": 0.499 * robot.diameter_m, "com_height_m": robot.height_m}
+        most = {"com_height_m": robot.height_m}
         high = [min(p.high, most.get(p.name, p.high)) for p in self.parameters]
         low = [p.low for p in self.parameters]
         return np.array([np.minimum(low, self.usual), np.maximum(high, self.usual)], dtype=float)
@@ -303,7 +300,7 @@ def tracks(
     columns = -(-len(machines) // lanes) * lanes
     padded = [*machines, *[machines[0]] * (columns - len(machines))]
     robot, motors = machines[0]
-    feet, count = robot.feet_count, robot.motors_count
+    feet, count = len(robot.feet), len(robot.motors)
     own = np.zeros((len(omega), count, columns))
     own[:, :, : len(machines)] = omega.reshape(*omega.shape[:2], -1)
     own[:, :, len(machines) :] = own[:, :, :1]
@@ -320,7 +317,7 @@ def tracks(
     seen = np.zeros((1 + (len(omega) - 1) // every, columns, 3))
     common, pairing = (
         body_params(robot, motors[0], dt_s),
-        paired([mount.place_m[:2] for mount in mounts_of(robot)]),
+        paired([mount.place_m[:2] for mount in robot.motors]),
     )
     mounts = motor_mounts(robot._replace(com_height_m=0.0), motors)
     mounts = tuple(mounts[k] for k in pairing.order)

@@ -13,26 +13,12 @@ from cosim.base.errors import FileError
 from cosim.base.reading import Kind, parsing, read_bytes
 from cosim.base.storage import replacing
 from cosim.model.config import CoSimConfig
-from cosim.model.params import TABLE_I, RobotParams, lift_off_speed, motors_of, mounts_of
+from cosim.model.params import TABLE_I, RobotParams, lift_off_speed, motors_of
 
-# Set points of motors D and E in rad/s, each held for HOLD_S. Magnitudes differ by 100 rad/s or
-# more, so that the phase between the motors goes around many times a second and averages out; they
-# stay where tracks depend smoothly on all parameters, although feet lift (docs/own.md).
-HOLD_S = 3.0
-SEQUENCE = (
-    (-800.0, 900.0),
-    (900.0, -800.0),
-    (1000.0, 0.0),
-    (0.0, -1000.0),
-    (900.0, 750.0),
-    (-1000.0, 0.0),
-    (0.0, 1000.0),
-    (-750.0, -900.0),
-    (-900.0, 700.0),
-    (700.0, -900.0),
-) * 2
-# The same for other machines, of each motor and the one before it: shares of the speed at which the
-# motor alone would lift the robot.
+# Set points of each motor and the one before it, each held for HOLD_S, as shares of the speed at
+# which the motor alone would lift the robot. Magnitudes differ, so that the phase between the
+# motors goes around many times a second and averages out.
+HOLD_S, DRIVEN_S = 3.0, 60.0
 SHARES = ((0.0, 0.8), (0.0, -0.7), (-0.65, 0.75), (0.75, 0.65))
 FRAME_RATE_HZ = 30.0
 
@@ -74,10 +60,8 @@ def units(motors: int) -> dict[str, str]:
 
 def excitation(config: CoSimConfig) -> tuple[tuple[float, ...], ...]:
     """Return set points of a machine's motors to drive it with, in rad/s, each for HOLD_S."""
-    robot, count = config.robot, config.robot.motors_count
-    if not robot.own_layout:
-        return SEQUENCE
-    motors = zip(mounts_of(robot), motors_of(robot, config.motor), strict=True)
+    robot, count = config.robot, len(config.robot.motors)
+    motors = zip(robot.motors, motors_of(robot, config.motor), strict=True)
     alone = [lift_off_speed(robot._replace(motors=(mount,)), motor) for mount, motor in motors]
     rows = np.zeros((count, len(SHARES), count))
     for k in range(count):
@@ -85,7 +69,7 @@ def excitation(config: CoSimConfig) -> tuple[tuple[float, ...], ...]:
             for motor, share in zip((k - 1, k), shares, strict=True):
                 row[motor] = round(share * alone[motor], 1)
     rows = rows.reshape(-1, count).tolist()
-    return (*map(tuple, rows),) * -(-len(SEQUENCE) // len(rows))
+    return (*map(tuple, rows),) * math.ceil(DRIVEN_S / HOLD_S / len(rows))
 
 
 def write_excitation(path: Path, sequence: Sequence[Sequence[float]]) -> None:
@@ -109,7 +93,7 @@ def read_track(
     by commas, semicolons or tabs; headings may name the unit, as in "time [s]".
     """
     try:
-        return _checked(*_table(path, units(robot.motors_count)), board_m)
+        return _checked(*_table(path, units(len(robot.motors))), board_m)
     except ValueError as fault:  # what is wrong, and how to fix it
         raise FileError(f"{path}: {fault}") from None
 

@@ -65,11 +65,11 @@ def design(robot: RobotParams, motor: MotorParams, speed_m_s: float) -> Design:
     def feet_down_m_s(motor: MotorParams) -> float:
         return net_speed(robot_platform(robot, motor), foot_lift_speed(robot, motor))
 
-    def length(name: str) -> float | None:
+    def length(changed: Callable[[float], RobotParams]) -> float | None:
         """A length of the robot at which a foot begins to lift at the motor speed."""
 
-        def spare(value: float) -> float:
-            return foot_lift_speed(robot._replace(**{name: value}), motor) - (omega or math.nan)
+        def spare(length_m: float) -> float:
+            return foot_lift_speed(changed(length_m), motor) - (omega or math.nan)
 
         return omega and _root(spare, *_LENGTHS_M)
 
@@ -88,8 +88,8 @@ def design(robot: RobotParams, motor: MotorParams, speed_m_s: float) -> Design:
         unbalance_kg_m=motor.m * motor.r,
         least_unbalance_kg_m=stronger and stronger.m * stronger.r,
         unbalance_motor_speed_rad_s=stronger and motor_speed(robot, stronger, speed_m_s),
-        foot_radius_m=length("foot_radius_m"),
-        com_height_m=length("com_height_m"),
+        foot_radius_m=length(lambda radius_m: robot.spread(radius_m / robot.foot_radius_m)),
+        com_height_m=length(lambda height_m: robot._replace(com_height_m=height_m)),
         percent_per_percent=sensitivities(platform, omega or _UNDER * lift_off_speed(platform)),
     )
 
@@ -110,25 +110,30 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float 
 def least_foot_force(robot: RobotParams, motor: MotorParams, omega_rad_s: float) -> float:
     """Smallest normal force of a foot in N over one turn of the motors, which turn either way.
 
-    Feet A and C stand half a foot radius ahead of the centre, B a whole one behind.
+    Two feet are mirror images, as A and C are, and one is between them, as B is.
     """
     platform, omega = robot_platform(robot, motor), abs(omega_rad_s)
+    feet = sorted((foot.y_m, foot.x_m) for foot in robot.feet)
+    if [(-y, x) for y, x in feet[::-1]] != feet or len(feet) != 3:
+        raise UserError(
+            "the design needs three feet, two of them mirror images and one on the robot's axis; "
+            "choose such a machine"
+        )
+    (_, pair_m), (_, single_m), _ = feet
     theta = 2.0 * math.pi * (_SETTLED_TURNS + np.linspace(0.0, 1.0, _ANGLES))
     unbalance = platform.m * platform.r
     drive = unbalance * omega**2 * np.sin(theta)
-    weight = (platform.mass + platform.m) * platform.g
-    normal = weight + unbalance * omega**2 * np.cos(theta)
+    normal = platform.weight + unbalance * omega**2 * np.cos(theta)
     friction = -drive
     for stroke in strokes(platform, omega, _SETTLED_TURNS + 2):
         sliding = (stroke.start < theta) & (theta < stroke.stop)
         friction[sliding] = -stroke.direction * platform.mu * normal[sliding]
-    below = robot.motor_axis_height_m - robot.com_height_m
+    below = robot.motors[0].place_m[2] - robot.com_height_m
     torque = unbalance * platform.g * np.sin(theta)
     sense = math.copysign(1.0, omega_rad_s)
     pitching = sense * (below * drive + torque - robot.com_height_m * friction)
-    radius = robot.foot_radius_m
-    rear = (0.5 * radius * normal - pitching) / (1.5 * radius)
-    return float(np.minimum(rear, (normal - rear) / 2.0).min())
+    single = (pair_m * normal - pitching) / (pair_m - single_m)
+    return float(np.minimum(single, (normal - single) / 2.0).min())
 
 
 def foot_lift_speed(robot: RobotParams, motor: MotorParams) -> float:
@@ -142,7 +147,7 @@ def foot_lift_speed(robot: RobotParams, motor: MotorParams) -> float:
 
     if least(low) <= 0.0:
         raise UserError(
-            f"a foot lifts at any motor speed with foot_radius_m = {robot.foot_radius_m:g} and "
-            f"com_height_m = {robot.com_height_m:g}; choose a larger circle or less height"
+            f"a foot lifts at any motor speed with feet within {robot.foot_radius_m:g} m and "
+            f"com_height_m = {robot.com_height_m:g}; put feet further out or the centre lower"
         )
     return root_scalar(least, bracket=(low, high), method="brentq", xtol=_SPEED_TOLERANCE).root

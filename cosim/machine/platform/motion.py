@@ -17,7 +17,7 @@ from scipy.optimize import root_scalar
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_arrays
 from cosim.base.storage import write_arrays
-from cosim.model.params import FIG_3, TABLE_I, TABLE_II, MotorParams, RobotParams
+from cosim.model.params import FIG_3, TABLE_I, TABLE_II, MotorParams, RobotParams, motors_of
 from cosim.physics.forces import platform_force
 from cosim.physics.stroke import Stroke, distance, next_stroke
 
@@ -37,10 +37,16 @@ class Platform(NamedTuple):
     """1-DOF platform."""
 
     mass: float  # what moves, M in kg
-    m: float  # eccentric mass of all motors (turning in phase) in kg; the weight is (M + m) g
+    m: float  # eccentric mass of all motors (turning in phase) in kg
     r: float  # eccentricity in m
     mu: float
     g: float
+    included: bool = False  # whether the weight is M g instead of (M + m) g
+
+    @property
+    def weight(self) -> float:
+        """Weight in N."""
+        return (self.mass if self.included else self.mass + self.m) * self.g
 
 
 # Its motion is like the printed Fig. 3.
@@ -48,21 +54,33 @@ FIG_3_PLATFORM = Platform(FIG_3.M, FIG_3.m, FIG_3.r, FIG_3.mu, TABLE_II.g)
 
 
 def robot_platform(robot: RobotParams = TABLE_I, motor: MotorParams = TABLE_II) -> Platform:
-    """The platform equivalent to the robot with both motors in phase."""
-    robot.require_pair("the 1-DOF platform")
-    return Platform(robot.mass_kg, 2.0 * motor.m, motor.r, robot.mu, motor.g)
+    """The platform equivalent to a robot whose two mirrored motors are in phase."""
+    motors = motors_of(robot, motor)
+    places = sorted(mount.place_m for mount in robot.motors)
+    if not (
+        [(0.0, -y, z) for _, y, z in places] == places[::-1]
+        and len(motors) == 2
+        and all(abs(mount.axis[1]) == 1.0 for mount in robot.motors)
+        and (motors[0].m, motors[0].r) == (motors[1].m, motors[1].r)
+        and all(foot.mu is None for foot in robot.feet)
+    ):
+        raise UserError(
+            "the 1-DOF platform needs two equal motors that are mirror images at the robot's "
+            "sides, with shafts across it, and feet of one friction; choose such a machine"
+        )
+    included = robot.masses_included
+    return Platform(robot.mass_kg, 2.0 * motors[0].m, motors[0].r, robot.mu, motor.g, included)
 
 
 def slip_speed(platform: Platform) -> float:
     """Motor speed ω_c in rad/s above which the platform slips: ω_c² = μW/(u √(1+μ²))."""
-    weight = (platform.mass + platform.m) * platform.g
     unbalance = platform.m * platform.r
-    return math.sqrt(platform.mu * weight / (unbalance * math.hypot(1.0, platform.mu)))
+    return math.sqrt(platform.mu * platform.weight / (unbalance * math.hypot(1.0, platform.mu)))
 
 
 def lift_off_speed(platform: Platform) -> float:
     """Motor speed in rad/s at which the platform leaves the floor: u ω² = W."""
-    return math.sqrt((platform.mass + platform.m) * platform.g / (platform.m * platform.r))
+    return math.sqrt(platform.weight / (platform.m * platform.r))
 
 
 def drift_speed(platform: Platform) -> float:
@@ -174,7 +192,7 @@ def sensitivities(platform: Platform, omega_rad_s: float) -> dict[str, float]:
     return {
         "unbalance": 1.0 - by_s,
         "mu": (mu * mu + by_s + mu * by_alpha) / (1.0 + mu * mu),
-        "mass": by_s * mass / (mass + platform.m) - 1.0,
+        "mass": by_s * mass * platform.g / platform.weight - 1.0,
         "omega": 1.0 - 2.0 * by_s,
     }
 
@@ -185,7 +203,8 @@ def forces(
     """Driving force and greatest friction force in N at angles θ in rad; shapes of θ."""
     pairs = [platform_force(platform.m, platform.r, platform.g, t, omega_rad_s) for t in theta]
     driving, vertical = np.array(pairs).T
-    return driving, platform.mu * (platform.mass * platform.g - vertical)
+    own = platform.mass * platform.g - platform.included * platform.m * platform.g
+    return driving, platform.mu * (own - vertical)
 
 
 class Motion(NamedTuple):

@@ -300,7 +300,7 @@ def test_primitives_are_drawn_where_the_front_goes():
     still = {"spread": (0.0, 0.0, 0.0), "airborne_share": 0.0, "difference": (), "yaw_gain": 1.0}
     rate, angle = np.deg2rad(9.0), np.deg2rad(90.0)
     found = {
-        "left turn": Primitive(set_points_rad_s=(), mean=(0.0, 0.0, rate), **still),
+        "left_turn": Primitive(set_points_rad_s=(), mean=(0.0, 0.0, rate), **still),
         "leftwards": Primitive(set_points_rad_s=(), mean=(0.0, 0.002, 0.0), **still),
         "forwards": Primitive(set_points_rad_s=(), mean=(0.0, 0.0, rate), **still),  # it cannot
     }

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import UserError
-from cosim.calibration.measuring import calibrated, digest, find_calibration
-from cosim.calibration.speed_map import MANOEUVRES, Calibration, load_calibration
+from cosim.calibration.measuring import calibrated, digest, find_calibration, shares_of
+from cosim.calibration.speed_map import DRIVES, TURNS, Calibration, load_calibration
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
@@ -22,16 +22,16 @@ def calibration(motor_fmu) -> Calibration:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("manoeuvre", MANOEUVRES)
-def test_faster_motors_move_faster_and_repeatably(calibration, manoeuvre):
-    curve = calibration.curve(manoeuvre)
+@pytest.mark.parametrize("name", [*DRIVES[:2], *TURNS])
+def test_faster_motors_move_faster_and_repeatably(calibration, name):
+    curve = calibration.curve(name)
     assert (np.diff(curve.omega_rad_s) > 0.0).all()
     assert (np.diff(curve.mean) > 0.0).all()
     driving = curve.mean > 0.3 * curve.mean[-1]
     assert (curve.scatter[driving] < 0.05 * curve.mean[driving]).all()
 
 
-@pytest.mark.parametrize(("manoeuvre", "ratio"), [("forwards", 2.0), ("left", 4.0)])
+@pytest.mark.parametrize(("manoeuvre", "ratio"), [("forwards", 2.0), ("left_turn", 4.0)])
 def test_dither_removes_what_the_phases_do(calibration, manoeuvre, ratio):
     without = calibration.curve(manoeuvre, dithered=False)
     assert without.scatter.mean() > ratio * calibration.curve(manoeuvre).scatter.mean()
@@ -39,25 +39,26 @@ def test_dither_removes_what_the_phases_do(calibration, manoeuvre, ratio):
 
 def test_hop_free_speed_is_below_lift_off_and_met(calibration):
     assert 1000.0 < calibration.hop_free_rad_s < 1151.0
-    for manoeuvre in MANOEUVRES:
-        curve = calibration.curve(manoeuvre)
+    for name in calibration.primitives:
+        curve = calibration.curve(name)
         assert (curve.airborne_share[curve.omega_rad_s <= calibration.hop_free_rad_s] == 0.0).all()
 
 
 def test_default_motor_speeds_are_the_calibrated_ones(calibration):
+    assert calibration.primitives == [*DRIVES[:2], *TURNS]
     found = calibration.resolved(CoSimConfig()).steering
     assert found[:-2] == pytest.approx(STEERING[:-2], rel=0.01)
     assert found[-2:] == STEERING[-2:]  # what a file states: shares, and what each drive does
 
 
 @pytest.mark.parametrize(
-    ("manoeuvre", "speed_mm_s", "yaw_deg_s"),
-    [("forwards", 3.0, 0.0), ("backwards", -3.0, 0.0), ("right", 0.0, -9.0)],
+    ("name", "speed_mm_s", "yaw_deg_s"),
+    [("forwards", 3.0, 0.0), ("backwards", -3.0, 0.0), ("right_turn", 0.0, -9.0)],
 )
-def test_motor_speeds_realise_a_motion(calibration, motor_fmu, manoeuvre, speed_mm_s, yaw_deg_s):
+def test_motor_speeds_realise_a_motion(calibration, motor_fmu, name, speed_mm_s, yaw_deg_s):
     """Driven in the co-simulation with a noise that the calibration has not seen."""
     value = abs(1e-3 * speed_mm_s + np.deg2rad(yaw_deg_s))
-    d, e = calibration.motor_speed(manoeuvre, value) * np.array(MANOEUVRES[manoeuvre])
+    d, e = calibration.motor_speed(name, value) * np.array(shares_of(CoSimConfig(), name))
     sign = -1.0 if speed_mm_s == 0.0 else 1.0
     dither = STEERING.dither_rad_s if d + e == 0.0 or speed_mm_s == 0.0 else 0.0
     with Trial(MotorFmu(motor_fmu), CoSimConfig(), np.zeros(3), np.random.SeedSequence(9)) as trial:

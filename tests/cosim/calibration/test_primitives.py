@@ -13,8 +13,11 @@ from hypothesis import strategies as st
 from agent.envs.drive import set_points
 from cosim.base.errors import UserError
 from cosim.calibration import primitives
+from cosim.calibration.measuring import calibrated, shares_of
 from cosim.calibration.primitives import DIRECTIONS, Primitive, able, find_primitives, steered
+from cosim.calibration.trial import Trial, mean_motion
 from cosim.coupling.master import FallError
+from cosim.fmi.motor import MotorFmu
 from cosim.model.preset import find_preset
 from cosim.onboard.steering import (
     BACKWARDS,
@@ -56,7 +59,7 @@ def found(**others: Primitive) -> dict[str, Primitive]:
         name: primitive(*(u * d for u, d in zip(units, direction, strict=True)))
         for name, direction in DIRECTIONS.items()
     }
-    return usual | {name.replace("_", " "): value for name, value in others.items()}
+    return usual | others
 
 
 def test_a_primitive_has_to_go_mainly_its_way():
@@ -212,3 +215,19 @@ def test_primitives_of_a_drawn_machine_are_found(config, motor_fmu):
     assert all(able(p, name, REACH_M) for name, p in measured.items())
     assert abs(measured["forwards"].mean[2]) < math.radians(0.5)
     assert find_primitives(config, motor_fmu, again=True) == measured
+
+
+@pytest.mark.slow
+def test_a_machine_whose_primitives_are_found_drives_at_the_speed_that_is_asked(motor_fmu):
+    base = find_preset("kilobot").config()
+    usual = calibrated(base, motor_fmu)
+    half_m_s = 0.5 * usual.steering.drive_speed_m_s
+    slow = calibrated(base.having("given", drive_speed_m_s=half_m_s), motor_fmu)
+    assert slow.steering.drive_speed_m_s == half_m_s
+    assert slow.steering.shares == usual.steering.shares
+    set_points = slow.steering.forward_speed_rad_s * np.array(shares_of(slow, "forwards"))
+    with Trial(MotorFmu(motor_fmu), slow, np.zeros(16), np.random.SeedSequence(7)) as trial:
+        trial.set_motors(set_points)
+        trial.advance(500)
+        motion = mean_motion(trial.poses, [trial.advance(5000)], 1e-3)
+    assert motion[:, 0].mean() == pytest.approx(half_m_s, rel=0.15)

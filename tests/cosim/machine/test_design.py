@@ -31,12 +31,16 @@ def test_sensitivities_are_those_of_finite_differences(omega, mu):
 def test_every_answer_gives_the_speed_with_a_foot_about_to_lift():
     found = design(TABLE_I, TABLE_II, 3.5e-3)
     assert not found.feet_stay_down
-    assert found.motor_speed_rad_s and found.least_unbalance_kg_m
+    assert found.motor_speed_rad_s and found.least_unbalance_kg_m and found.foot_radius_m
     platform = robot_platform()
     assert net_speed(platform, found.motor_speed_rad_s) == pytest.approx(3.5e-3, rel=1e-5)
     stronger = TABLE_II._replace(r=found.least_unbalance_kg_m / TABLE_II.m)
     answers = (
-        (TABLE_I._replace(foot_radius_m=found.foot_radius_m), TABLE_II, found.motor_speed_rad_s),
+        (
+            TABLE_I.spread(found.foot_radius_m / TABLE_I.foot_radius_m),
+            TABLE_II,
+            found.motor_speed_rad_s,
+        ),
         (TABLE_I._replace(com_height_m=found.com_height_m), TABLE_II, found.motor_speed_rad_s),
         (TABLE_I, stronger, found.unbalance_motor_speed_rad_s),
     )
@@ -61,7 +65,7 @@ def test_the_command_says_it_in_words_and_as_json(command):
 
 def test_a_robot_that_tips_at_any_speed_is_refused():
     with pytest.raises(UserError, match="a foot lifts at any motor speed"):
-        foot_lift_speed(TABLE_I._replace(foot_radius_m=1e-6), TABLE_II)
+        foot_lift_speed(TABLE_I.spread(1e-4), TABLE_II)
 
 
 @pytest.mark.parametrize(

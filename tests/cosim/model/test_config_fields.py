@@ -93,7 +93,7 @@ def test_the_table_has_every_field(name):
 @pytest.fixture(scope="module")
 def trial(motor_fmu):
     """Measures a robot that drives and one that turns, as a calibration does."""
-    points = [Point(-900.0, 900.0, 0.0, True), Point(900.0, 900.0, 0.0, True)]
+    points = [Point("forwards", 900.0), Point("left_turn", 900.0)]
     fmu = MotorFmu(motor_fmu)
     return lambda config: measure_batch(config, fmu, points, np.random.SeedSequence(0))
 

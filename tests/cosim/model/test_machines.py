@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import UserError
 from cosim.model.config import CoSimConfig
-from cosim.model.params import TABLE_I, TABLE_II, Foot, lift_off_speed
+from cosim.model.params import TABLE_I, TABLE_II, Foot, MotorShares, lift_off_speed
 from cosim.model.preset import Preset, find_preset
 from cosim.simulation.options import Physics, SimulationOptions
 from docs.examples.draw_machine import machine
 
 MOTOR = "[[motor]]\nplace_m = [0.0, 0.02, 0.003]\naxis = [0.0, 2.0, 0.0]\n"
+SHARES = "shares = {forwards = 1.0, left_turn = -0.5, dither = 0.25}\n"
 FEET = "".join(
     f"[[foot]]\nplace_m = [{0.02 * math.cos(a)}, {0.02 * math.sin(a)}]\n" for a in (0.0, 2.1, 4.2)
 )
@@ -27,6 +28,19 @@ def test_motors_and_feet_are_those_of_the_file(written):
     assert (first.own, dict(second.own)) == ((), {"r": 0.002})
     assert robot.robot.feet[0] == Foot(0.02, 0.0)
     assert robot.steering.forward_speed_rad_s == 0.0  # moves nothing before its calibration
+    assert not robot.steering.given
+    assert robot.robot.masses_included
+
+
+def test_shares_of_motors_are_those_of_the_file(tmp_path, written):
+    preset = find_preset(written(MOTOR + SHARES + MOTOR + SHARES.replace("0.5", "0.75") + FEET))
+    steering = preset.config().steering
+    assert steering.given
+    assert steering.shares[0] == MotorShares(forwards=1.0, left_turn=-0.5, dither=0.25)
+    assert {drive.difference for drive in steering.drives} == {(-0.5, -0.75)}
+    assert steering.forward_speed_rad_s > 0.0
+    preset.save(tmp_path / "again.toml")
+    assert find_preset(tmp_path / "again.toml").config().steering == steering
 
 
 def test_a_machine_is_read_as_it_was_written(tmp_path, written):
@@ -67,11 +81,9 @@ def test_vertical_shafts_lift_nothing():
         (FEET * 11, "foot"),
         (FEET + "mu = -1.0\n", "mu"),
         ("[body]\nmu = 0.2\n" + FEET.replace("[[foot]]", "[[foot]]\nmu = 0.3"), "has no effect"),
-        ("[body]\nmotor_radius_m = 0.02\n" + MOTOR, "motor_radius_m has no effect next to"),
-        ("[body]\nmotor_axis_height_m = 0.003\n" + MOTOR, "motor_axis_height_m has no effect"),
-        ("[body]\nfoot_radius_m = 0.02\n" + FEET, "foot_radius_m has no effect next to"),
-        ("[drive]\ndrive_speed_m_s = 0.002\n" + FEET, "drive_speed_m_s (--speed) has no effect"),
-        ("[drive]\nturn_rate_rad_s = 0.1\n" + MOTOR, "turn_rate_rad_s has no effect"),
+        (MOTOR + SHARES + MOTOR, "motor[1] states no shares, but others do"),
+        (MOTOR + "shares = {ahead = 1.0}\n", "motor[0].shares.ahead is unknown; choose one of"),
+        (MOTOR + SHARES.replace("1.0", "2.0"), "motor[0].shares"),
         ("[drive]\npause_s = 0.01\n", "pause_s = 0.01 has no effect without pulses"),
         ("[drive]\npulse_s = 0.0304\n", "pulse_s = 0.0304 s is not a whole multiple of control"),
         ("[drive]\npulse_s = 0.0004\n", "pulse_s = 0.0004 s is not a whole multiple of control"),
@@ -87,7 +99,6 @@ def test_vertical_shafts_lift_nothing():
         ),
         (MOTOR.replace("0.003", "-0.001"), "place_m[2] = -0.001 above the floor"),
         (MOTOR.replace("0.003", "0.046"), "place_m[2] = 0.046 above the floor"),
-        ("[body]\nmotor_axis_height_m = 0.05\n", "motor_axis_height_m = 0.05 above the floor"),
         ("[body]\ncom_height_m = 0.05\n", "com_height_m = 0.05 is above the body"),
         ("[body]\nmass_kg = 0.0004\n" + MOTOR * 2, "mass_kg = 0.0004 is of the whole machine"),
         (MOTOR + MOTOR.replace("axis", "g = 1.62\naxis"), "g = 1.62 and 9.81; gravity is one"),

@@ -37,7 +37,7 @@ def test_built_in_machines_state_what_is_published():
     assert (icra.robot.mu, icra.robot.diameter_m) == (0.4, 0.0365)
     assert icra.robot.foot_radius_m == pytest.approx(0.0292 / math.sqrt(3.0), rel=1e-3)
     assert (icra.robot.mass_kg, icra.motor) == (TABLE_I.mass_kg, TABLE_II)  # not published
-    assert (thesis.robot.mu, thesis.robot.motor_radius_m) == (0.3, 0.022)
+    assert (thesis.robot.mu, thesis.robot.motors[0].place_m[1]) == (0.3, 0.022)
 
 
 def test_a_file_says_what_differs_and_where_it_is_from(written):
@@ -102,20 +102,19 @@ def test_sources_are_those_of_the_values(written):
         **dict.fromkeys((*given, "through", "preset"), "given"),
         **dict.fromkeys(("restitution", "relative_amplitude", "payload_g"), "world rough"),
         **dict.fromkeys(steering, "computed: in proportion to lift-off"),
+        "masses_included": "as weighed",
     }
     assert config.sized(0.051).table()["diameter_m"]["source"] == "scenario"
     assert config.unsourced == config
 
 
-@pytest.mark.parametrize("size", ["diameter_m = 0.04", "foot_radius_m = 0.022"])
-def test_a_machine_has_its_size_on_every_board(written, size):
-    feet = "" if "foot" in size else "\nfoot_radius_m = 0.018\nmotor_radius_m = 0.016"
-    machine = find_preset(written(f"[body]\n{size}{feet}"))
+def test_a_machine_has_its_size_on_every_board(written):
+    machine = find_preset(written("[body]\ndiameter_m = 0.051"))
     board, robot = machine.board(find_scenario("1a")), machine.config().robot
     assert board.diameter_m == robot.diameter_m
     assert board.squared_contact == round((100 * robot.diameter_m) ** 2)
     assert machine.config().sized(board.diameter_m).robot == robot
-    message = "diameter_m = .* but scenario 1a has robot_diameter_m = 0.03; leave it out"
+    message = "diameter_m = 0.051, but scenario 1a has robot_diameter_m = 0.03; leave it out"
     with pytest.raises(UserError, match=message):
         machine.board(replace(board, robot_diameter_m=0.03))
     small = replace(board, robot_diameter_m=0.03)
@@ -138,7 +137,7 @@ def test_a_stated_size_is_kept_where_it_is_that_of_the_paper(written):
         ("[body]\nmass_kg = 0", "mass_kg = 0 is invalid: expected float > 0"),
         ("[motor]\nr = 0", "r = 0 is invalid: expected float > 0"),
         ("[body]\nmu = nan", "mu = nan is invalid"),
-        ("[body]\nfoot_radius_m = 0.03", "foot_radius_m = 0.03 lies outside"),
+        ("[body]\ndiameter_m = 0.04", "a foot at (0.0115, 0.0199186) m is outside the body"),
         ("[world.sensor]\ndelay_ms = 2", "world.sensor.delay_ms has no effect without a camera"),
         ("body = 3", "body = 3 is invalid: expected table"),
         ("[body]\nsource = 3", "body.source = 3 is invalid: expected str"),

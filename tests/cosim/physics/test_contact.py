@@ -46,7 +46,7 @@ def test_delassus_maps_impulses_to_foot_velocities():
 @pytest.mark.parametrize("radius_m", [0.005, 0.023, 0.1])
 @pytest.mark.parametrize("height_m", [0.003, 0.015, 0.05])
 def test_step_sizes_make_sweeps_contractions(radius_m, height_m):
-    robot = TABLE_I._replace(foot_radius_m=radius_m, com_height_m=height_m)
+    robot = TABLE_I.spread(radius_m / 0.023)._replace(com_height_m=height_m)
     params = contact.contact_params(robot, 0.0)
     tangential, normal = params.step_tangential, params.step_normal
     steps = np.array([tangential, tangential, normal] * 3)

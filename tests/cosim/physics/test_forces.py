@@ -79,6 +79,6 @@ def test_mirror_image_in_every_bit(theta, omega, omega_dot):
 
 
 def test_mounts_stand_where_fig_4_puts_them():
-    assert (D.y, D.sin_phi) == (TABLE_I.motor_radius_m, 1.0)
-    assert (E.y, E.sin_phi) == (-TABLE_I.motor_radius_m, -1.0)
-    assert D.z == E.z == TABLE_I.motor_axis_height_m - TABLE_I.com_height_m
+    assert (D.y, D.sin_phi) == (0.0225, 1.0)
+    assert (E.y, E.sin_phi) == (-0.0225, -1.0)
+    assert D.z == E.z == 0.003 - TABLE_I.com_height_m

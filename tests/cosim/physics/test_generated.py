@@ -127,9 +127,9 @@ def test_sweeps_never_expand(machine):
     config = machine.config
     params = params_of(config)
     steps = [params.contact.step_tangential] * 2 + [params.contact.step_normal]
-    root = np.sqrt(steps * config.robot.feet_count)
+    root = np.sqrt(steps * len(config.robot.feet))
     operator = delassus(config.robot)
-    operator[2::3, 2::3] += params.contact.compliance * np.eye(config.robot.feet_count)
+    operator[2::3, 2::3] += params.contact.compliance * np.eye(len(config.robot.feet))
     spectrum = np.linalg.eigvalsh(np.outer(root, root) * operator)
     assert spectrum[0] > -1e-12
     assert spectrum[-1] < 1.0 + 1e-9

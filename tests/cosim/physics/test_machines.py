@@ -20,7 +20,6 @@ from cosim.model.params import (
     Mount,
     RobotParams,
     motors_of,
-    mounts_of,
 )
 from cosim.model.preset import find_preset
 from cosim.physics.body_state import (
@@ -83,12 +82,13 @@ def test_loads_are_those_of_springs(count):
 AXES = [(0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.48, -0.6, 0.64)]
 
 
+@pytest.mark.parametrize("included", [True, False])
 @pytest.mark.parametrize("axis", AXES)
-def test_forces_are_those_of_a_mass_on_a_circle(axis):
+def test_forces_are_those_of_a_mass_on_a_circle(axis, included):
     """The acceleration of a point mass by finite differences, and the rotor's torque balance."""
     mount = Mount((0.006, -0.01, 0.004), axis)
     # x = 0.006 keeps the shaft along y from the kernel of Fig. 4b
-    robot = TABLE_I._replace(motors=(mount,))
+    robot = TABLE_I._replace(motors=(mount,), masses_included=included)
     (found,) = motor_mounts(robot, motors_of(robot, TABLE_II))
     hanging, ahead = map(np.array, directions(axis))
     theta, omega, omega_dot, h = 0.7, 300.0, 4e4, 1e-6
@@ -99,7 +99,9 @@ def test_forces_are_those_of_a_mass_on_a_circle(axis):
 
     acceleration = (place(h) - 2.0 * place(0.0) + place(-h)) / h**2
     weight = TABLE_II.m * np.array([0.0, 0.0, -G])
-    expected = -TABLE_II.m * acceleration  # the body's weight includes that of the mass
+    expected = -TABLE_II.m * acceleration
+    if not included:  # else the body's weight includes that of the mass
+        expected += weight
     lever = np.array(mount.place_m) - (0.0, 0.0, robot.com_height_m)
     gravity_torque = np.cross(place(0.0), weight) @ axis
     reaction = -(TABLE_II.J * omega_dot - gravity_torque) * np.array(axis)
@@ -124,7 +126,7 @@ def test_over_a_turn_motors_give_no_momentum(axes, omega):
         )
         for (x, y, z), length in zip(axes, lengths, strict=True)
     )
-    robot = TABLE_I._replace(motors=mounts)
+    robot = TABLE_I._replace(motors=mounts, masses_included=True)
     found = motor_mounts(robot, motors_of(robot, TABLE_II))
     angles = (2.0 * np.pi * np.arange(16) / 16).tolist()
     wrenches = np.array(
@@ -150,7 +152,7 @@ def driven(config: CoSimConfig, set_points: list[Any], seconds: float, fmu: Moto
 
 
 SQUARE: RobotParams = TABLE_I._replace(
-    motors=(*mounts_of(TABLE_I), Mount((0.018, 0.0, 0.003), (1.0, 0.0, 0.0))),
+    motors=(*TABLE_I.motors, Mount((0.018, 0.0, 0.003), (1.0, 0.0, 0.0))),
     feet=tuple(
         Foot(x, y) for x, y in ((0.016, 0.016), (-0.014, 0.017), (-0.014, -0.017), (0.016, -0.016))
     ),
@@ -190,10 +192,10 @@ def test_a_motor_without_a_mass_changes_nothing(motor_fmu):
     still = Mount((0.018, 0.0, 0.003), (0.6, 0.0, 0.8), (("m", 1e-15), ("J", 3e-12)))
 
     def bodies(*motors: Mount) -> np.ndarray:
-        robot = TABLE_I._replace(motors=(*mounts_of(TABLE_I), *motors))
-        none = {n: value for n, (value, _) in not_calibrated(robot.motors_count).items()}
+        robot = TABLE_I._replace(motors=(*TABLE_I.motors, *motors))
+        none = {n: value for n, (value, _) in not_calibrated(len(robot.motors)).items()}
         config = replace(base, robot=robot, steering=base.steering._replace(**none))
-        speeds = [(-900.0, 850.0, 0.0)[: robot.motors_count]]
+        speeds = [(-900.0, 850.0, 0.0)[: len(robot.motors)]]
         return driven(config, speeds, 0.2, MotorFmu(motor_fmu)).bodies[: QUATERNION.stop, 0]
 
     np.testing.assert_allclose(bodies(still), bodies(), rtol=1e-6, atol=1e-9)

@@ -98,7 +98,8 @@ def test_driving_in_phase_is_the_1_dof_platform(omega, mu):
 @pytest.mark.parametrize("omega", [800.0, 900.0, 1000.0])
 def test_turning_in_phase_is_the_1_dof_platform(omega):
     """Seen from a foot: mass Izz/R², the same weight; motors and feet on the same circle."""
-    robot = TABLE_I._replace(motor_radius_m=TABLE_I.foot_radius_m)
+    spread = TABLE_I.foot_radius_m / TABLE_I.motors[0].place_m[1]
+    robot = TABLE_I._replace(motors=TABLE_I.spread(spread).motors)
     like = platform.robot_platform(robot)
     weight = (like.mass + like.m) * like.g
     mass = cylinder_inertia(robot)[2] / robot.foot_radius_m**2
@@ -123,7 +124,7 @@ def test_a_foot_lifts_at_the_predicted_motor_speed(sense, low):
 def test_robot_that_cannot_slide_tips_over_its_feet():
     """With much friction foot B lifts where √((R/2)² + h²) u ω² = R W/2, h of the motor axis."""
     robot = TABLE_I._replace(mu=10.0)
-    arm = math.hypot(robot.foot_radius_m / 2.0, robot.motor_axis_height_m)
+    arm = math.hypot(robot.foot_radius_m / 2.0, robot.motors[0].place_m[2])
     tipping = lift_off_speed(robot, TABLE_II) * math.sqrt(robot.foot_radius_m / 2.0 / arm)
     below, above = 0.99 * tipping, 1.01 * tipping
     assert motion(Drive(-below, below), robot=robot).least_normal_n > 0.0

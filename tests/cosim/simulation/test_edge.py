@@ -9,7 +9,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD, TABLE_I
 from cosim.model.scenario import Scenario
 from cosim.model.world import World
-from cosim.physics.contact import feet_of, foot_positions
+from cosim.physics.contact import foot_positions
 from cosim.physics.rotation import headings
 from tests.alone import CoSimulation, same
 
@@ -38,7 +38,7 @@ def test_a_robot_with_a_foot_beyond_the_edge_falls(motor_fmu, row):
 
 @pytest.mark.parametrize("own_mu", [None, 0.2])
 def test_a_robot_with_all_feet_on_the_board_notices_no_edge(own_mu, motor_fmu):
-    feet = tuple(foot._replace(mu=own_mu) for foot in feet_of(TABLE_I))
+    feet = tuple(foot._replace(mu=own_mu) for foot in TABLE_I.feet)
     machine = {"feet": feet} if own_mu else {}
     without, within = (first_step(motor_fmu, (15, 26), e, **machine) for e in (False, True))
     assert not within.outcome

@@ -219,7 +219,8 @@ def test_the_scenario_decides_the_diameter(motor_fmu):
     assert CoSimulation(small, motor_fmu).config == config
     values = {name: row["value"] for name, row in config.table().items()}
     assert values["diameter_m"] == 0.03
-    assert values["foot_radius_m"] == pytest.approx(0.6 * TABLE_I.foot_radius_m)
+    assert config.robot.foot_radius_m == pytest.approx(0.6 * TABLE_I.foot_radius_m)
+    assert config.robot.motors[1].place_m == pytest.approx((0.0, -0.6 * 0.0225, 0.003))
     assert cylinder_inertia(config.robot)[2] == pytest.approx(0.36 * cylinder_inertia(TABLE_I)[2])
     assert CoSimConfig().sized(0.05) == CoSimConfig()  # in every bit
 
@@ -231,17 +232,14 @@ def test_the_scenario_decides_the_diameter(motor_fmu):
         ("timing", {"communication_step_s": 3e-5}, "control_period_s = 0.001 s is not a whole"),
         ("timing", {"rl_step_s": 0.0015}, "rl_step_s = 0.0015 s is not a whole multiple"),
         ("timing", {"dt_s": 0.0}, "timing.dt_s = 0.0 is invalid: expected float > 0"),
-        ("robot", {"diameter_m": 0.04}, "foot_radius_m = 0.023 lies outside .*diameter_m = 0.04"),
-        ("robot", {"motor_radius_m": 0.03}, "motor_radius_m = 0.03 lies outside"),
-        ("robot", {"motor_radius_m": 0.005}, "two motors of motor_length_m = 0.0102 do not fit"),
+        ("robot", {"diameter_m": 0.0452}, "a foot at .* outside the body of diameter_m = 0.0452"),
+        ("robot", {"motors": TABLE_I.spread(1.2).motors}, "a motor at .* is outside the body"),
         ("steering", {"forward_speed_rad_s": 1200.0}, "would make the robot hop"),
     ],
 )
 def test_parameters_that_do_not_fit_each_other_are_refused(record, changes, message):
     with pytest.raises(ConfigError, match=message):
         replace(CoSimConfig(), **{record: getattr(CoSimConfig(), record)._replace(**changes)})
-    with pytest.raises(ConfigError, match="make the robot larger"):
-        CoSimConfig().sized(0.01)
 
 
 @pytest.mark.parametrize("speed", [1160.0, -1e5])
@@ -258,5 +256,5 @@ def test_policies_that_command_hopping_are_refused(motor_fmu, speed):
 
 def test_a_payload_that_tips_the_robot_over_is_refused():
     World(payload_g=20.0, payload_offset_mm=(10.0, 0.0))
-    with pytest.raises(ConfigError, match=r"payload_g = 300 .* 15\.0 mm from the robot's axis"):
+    with pytest.raises(ConfigError, match=r"falls over: .* with the payload at \(15, 0\) mm"):
         CoSimConfig().in_world(World(payload_g=300.0, payload_offset_mm=(20.0, 0.0)))

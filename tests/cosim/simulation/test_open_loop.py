@@ -75,7 +75,5 @@ def test_runs_say_their_preset_and_what_goes_without_feedback(straight_policy):
     assert episode.parameters["preset"].value == "icra2006"
     assert episode.parameters["open_loop"].value == "motors"
     assert episode.parameter("mu") == 0.4
-    # feet are those of the machine, whatever the board
-    assert (
-        episode.parameter("foot_radius_m") == find_preset("icra2006").config().robot.foot_radius_m
-    )
+    # its size is that of the machine, whatever the board
+    assert episode.parameter("diameter_m") == find_preset("icra2006").config().robot.diameter_m

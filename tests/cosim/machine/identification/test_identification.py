@@ -39,7 +39,6 @@ from cosim.machine.identification.simulated import (
 from cosim.machine.identification.track import (
     FRAME_RATE_HZ,
     HOLD_S,
-    SEQUENCE,
     SeenTrack,
     excitation,
     read_track,
@@ -47,13 +46,14 @@ from cosim.machine.identification.track import (
     write_excitation,
 )
 from cosim.model.config import CoSimConfig
-from cosim.model.params import TABLE_I, TABLE_II, motors_of
+from cosim.model.params import TABLE_I, TABLE_II, Foot, motors_of
 from cosim.model.preset import find_preset
 from cosim.model.world import Sensor, World
 from cosim.onboard.camera import draw_sight
 from cosim.physics.body_state import standing_state
 from cosim.physics.mass import mass_of
 from cosim.physics.properties import body_params
+from cosim.physics.trig import sine_cosine
 from docs.examples.draw_machine import machine as drawn
 from fmus.build import cached_fmu
 from tests.references.prescribed import STATE_SIZE, Drive, rig, trace_body
@@ -66,7 +66,7 @@ CAMERA = Sensor(FRAME_RATE_HZ, 50.0, 0.5, 1.0)
 
 @pytest.mark.long
 def test_robots_beside_each_other_move_as_each_alone():
-    robots = [TABLE_I, TABLE_I._replace(mu=0.3, com_height_m=0.018, foot_radius_m=0.021)]
+    robots = [TABLE_I, TABLE_I.spread(0.9)._replace(mu=0.3, com_height_m=0.018)]
     drive = Drive(-900.0, 930.0)
     speeds = np.tile([drive.omega_d, drive.omega_e], (101, 1))
     seen = tracks([Machine(robot) for robot in robots], speeds, 100, DT_S, 100)
@@ -78,11 +78,17 @@ def test_robots_beside_each_other_move_as_each_alone():
         np.testing.assert_allclose(seen[1, column, :2], trace[0, :2], rtol=1e-3)
 
 
+def circle(radius_m: float) -> tuple[Foot, ...]:
+    sine, cosine = sine_cosine(math.pi / 3.0)
+    x, y = radius_m * cosine, radius_m * sine
+    return Foot(x, y), Foot(-radius_m, 0.0), Foot(x, -y)
+
+
 def test_tracks_of_the_paper_s_kind_of_robot_keep_their_bits():
     """Of the centre of mass on the axis as before kernels took any number of motors and feet."""
     machines = [
         Machine(TABLE_I._replace(
-            mu=0.1 + 0.02 * k, foot_radius_m=0.02 + 3e-4 * k, com_height_m=0.014 + 2e-4 * k,
+            mu=0.1 + 0.02 * k, feet=circle(0.02 + 3e-4 * k), com_height_m=0.014 + 2e-4 * k,
             com_x_m=1e-4 * k,
         ))
         for k in range(5)
@@ -123,7 +129,7 @@ def test_a_stronger_motor_and_a_centre_of_mass_aside_are_mirrored():
 def test_a_centre_of_mass_aside_is_that_of_the_payload_that_puts_it_there():
     assert mass_of(TABLE_I._replace(com_x_m=2e-3, com_y_m=-1e-3)).centre == (2e-3, -1e-3)
     assert mass_of(TABLE_I._replace(com_x_m=2e-3)).inertia == mass_of(TABLE_I).inertia
-    with pytest.raises(ConfigError, match=r"com_x_m = 0.02 .* fall over"):
+    with pytest.raises(ConfigError, match=r"falls over: .* \(20, 0\) mm"):
         CoSimConfig(robot=TABLE_I._replace(com_x_m=0.02))
 
 
@@ -168,15 +174,13 @@ def test_intervals_are_wider_where_the_model_is_not_linear():
 def test_what_a_track_cannot_tell_is_said_by_name():
     parameters = parameters_of(TABLE_I)
     shares, spreads = np.diag(np.full(len(NAMES), 0.01)), [p.spread for p in parameters]
-    pair = [NAMES.index("com_height_m"), NAMES.index("foot_radius_m")]
+    pair = [NAMES.index("com_height_m"), NAMES.index("com_x_m")]
     shares[np.ix_(pair, pair)] = [[0.5, 0.495], [0.495, 0.5]]  # only their difference is known
     nothing = np.empty((0, 3))
     noise = Noise(1.0, 1.0, 1.0, 1.0)
     found = Fit(usual_values(), shares * np.outer(spreads, spreads), noise, nothing, nothing, 1)
     (words,) = unidentifiable(found, parameters)
-    assert (
-        words == "com_height_m and foot_radius_m together: still 100% of the spread assumed before"
-    )
+    assert words == "com_height_m and com_x_m together: still 100% of the spread assumed before"
 
 
 def test_the_excitation_can_be_read_as_what_a_track_was_driven_with(tmp_path):
@@ -185,12 +189,12 @@ def test_the_excitation_can_be_read_as_what_a_track_was_driven_with(tmp_path):
         rows = [tuple(map(float, row.values())) for row in csv.DictReader(file)]
     times, commands = np.array(rows)[:, 0], np.array(rows)[:, 1:]
     set_points = SeenTrack(times, np.zeros((len(times), 3)), commands).set_points(1e-3)
-    wanted = np.repeat(np.array(SEQUENCE), round(1e3 * HOLD_S), axis=0)
+    wanted = np.repeat(np.array(excitation(CoSimConfig())), round(1e3 * HOLD_S), axis=0)
     np.testing.assert_array_equal(set_points, wanted)
     assert (commands[-1] == 0.0).all()
 
 
-def test_the_excitation_of_a_machine_of_its_own_runs_each_motor_alone(tmp_path, command):
+def test_the_excitation_runs_each_motor_alone(tmp_path, command):
     command("identify-robot", "--excite", tmp_path / "drive.csv", "--preset", "droplet")
     with (tmp_path / "drive.csv").open() as file:
         header, *rows = csv.reader(file)
@@ -456,7 +460,7 @@ def test_what_is_identified_can_be_read(tmp_path_factory, data, name):
     (folder / "mine.toml").write_text(MACHINES.get(name, ""))
     preset = find_preset(folder / "mine.toml" if name in MACHINES else name)
     config = preset.config()
-    times, still = np.arange(100) / 30.0, np.zeros((100, config.robot.motors_count))
+    times, still = np.arange(100) / 30.0, np.zeros((100, len(config.robot.motors)))
     track = SeenTrack(times, np.zeros((100, 3)), still)
     drive = Simulated(still, still, times, config)
     shares = [data.draw(st.floats(0.0, 1.0)) for _ in drive.parameters]
@@ -474,8 +478,8 @@ def test_what_is_identified_can_be_read(tmp_path_factory, data, name):
     expected, motors = machine(values, config.robot, config.motor)
     assert [foot.mu for foot in robot.feet] == [foot.mu for foot in expected.feet]
     assert robot.com_height_m == expected.com_height_m
-    if robot.motors:
-        assert motors_of(robot, find_preset(folder / "robot.toml").config().motor) == motors
+    assert motors_of(robot, find_preset(folder / "robot.toml").config().motor) == motors
+    assert robot.masses_included == expected.masses_included
 
 
 def test_the_preset_of_a_fast_camera_can_be_read(tmp_path):
@@ -509,8 +513,8 @@ def test_there_are_no_intervals_in_doubt():
 def test_a_robot_is_identified_from_its_track(tmp_path, command):
     """Six seconds are enough for the friction."""
     factors, delay_s = (1.05, 0.96), 1e-3 * CAMERA.delay_ms
-    truth = np.array([0.22, 0.014, 5e-4, -6e-4, 0.0225, *factors, delay_s])
-    write_track(tmp_path / "track.csv", observed(truth, SEQUENCE[:2]))
+    truth = np.array([0.22, 0.014, 5e-4, -6e-4, *factors, delay_s])
+    write_track(tmp_path / "track.csv", observed(truth, excitation(CoSimConfig())[2:4]))
     out = tmp_path / "robot"
     given = ("--motor-parameter", "J=3e-9")
     done = command("identify-robot", tmp_path / "track.csv", "--out", out, "--json", *given)
@@ -539,7 +543,7 @@ def test_a_machine_of_its_own_is_identified_from_its_track(tmp_path, command, na
     file.write_text(drawn(1))
     given = file if name == "drawn" else name
     config = find_preset(given).config()
-    parameters, motors = parameters_of(config.robot), config.robot.motors_count
+    parameters, motors = parameters_of(config.robot), len(config.robot.motors)
     truth = usual_values(config.robot)
     truth += [0.4 * sign * p.spread for sign, p in zip((1, -1) * 8, parameters, strict=False)]
     truth[-1] = 1e-3 * CAMERA.delay_ms
@@ -550,7 +554,6 @@ def test_a_machine_of_its_own_is_identified_from_its_track(tmp_path, command, na
     said = json.loads(done.stdout.splitlines()[-1])
     found = {parameter["name"]: parameter for parameter in said["parameters"]}
     assert tuple(found) == tuple(p.name for p in parameters)
-    assert "foot_radius_m" not in found
     known = dict(zip(found, truth, strict=True))
     driven = ("motor_d", "motor_g" if name == "drawn" else "motor_e")
     for each in ("mu", *driven):
