@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import sync_playwright
 
 from agent.web.page import write_page
-from cosim.model.params import TABLE_I, mounts_of
+from cosim.model.params import TABLE_I
 from cosim.model.scenario import Scenario
 from cosim.physics.forces import directions
 from cosim.simulation.options import SimulationOptions
@@ -89,7 +89,7 @@ def test_controls_do_what_they_say(tmp_path):
             [[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]]
         )
         discs = np.array(page.evaluate("discs.map(([, x, y]) => [x, y])"))
-        for mount, theta in zip(mounts_of(TABLE_I), own["theta"][1], strict=True):
+        for mount, theta in zip(TABLE_I.motors, own["theta"][1], strict=True):
             hanging, later = map(np.array, directions(mount.axis))
             mass = math.cos(theta) * hanging + math.sin(theta) * later
             at = turn @ (np.array(mount.place_m[:2]) + 0.65 * 0.2 * 0.025 * mass[:2]) + [x, y]
