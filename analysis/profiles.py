@@ -31,8 +31,7 @@ class Profile:
     # in co-simulation
     transfer_scenarios: tuple[str, ...] = tuple(PAPER)
     transfer_methods: tuple[MethodName, ...] = COMPARED
-    # Two episodes for every row of that table instead of all that it needs
-    transfer_quick: bool = False
+    transfer_episodes: int = 50  # of every row of that table
 
     def episodes_of(self, experiment: str) -> int:
         """Return the training episodes of a run of an experiment."""
@@ -51,5 +50,5 @@ QUICK = Profile(
     single_episodes=2,
     pair_episodes=1,
     transfer_scenarios=("1a", "2"),
-    transfer_quick=True,
+    transfer_episodes=2,
 )

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from agent.study.user import study
 from analysis.figures.draw import draw_figures
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS, Result, figure_entries
@@ -43,12 +44,29 @@ def reproduce(
             continue
         say(f"{label} …")
         with timings.stage(result.name):
-            command_of(result, results, profile, seed, jobs).run(progress)
+            if result.maker == "study":
+                compare(profile, result.location(results), seed, jobs, progress)
+            else:
+                command_of(result, results, profile, seed, jobs).run(progress)
         say(f"{label}: {timings.seconds(result.name):.1f} s")
     with timings.stage("figures"):
         _draw(out, progress, say)
     say(f"figures: {timings.seconds('figures'):.1f} s")
     return write_report(results, out / "figures", out / "report")
+
+
+def compare(profile: Profile, out: Path, seed: int, jobs: int, progress: Progress) -> None:
+    """Drive the methods of a profile in its scenarios, without and with the shield."""
+    study(
+        list(profile.transfer_methods),
+        list(profile.transfer_scenarios),
+        episodes=profile.transfer_episodes,
+        shield=[False, True],
+        seed=seed,
+        jobs=jobs,
+        out=out,
+        progress=progress,
+    )
 
 
 def redraw(out: Path, progress: Progress, say: Callable[[str], None]) -> Path:
@@ -88,13 +106,5 @@ def command_of(result: Result, results: Path, profile: Profile, seed: int, jobs:
                 "episodes": profile.episodes_of(result.of),
                 "greedy_points": profile.greedy_points,
                 "where": Workers(jobs=jobs, backend="loky"),
-            }
-        case "transfer":
-            settings |= {
-                "quick": profile.transfer_quick,
-                "scenarios": profile.transfer_scenarios,
-                "methods": profile.transfer_methods,
-                "seed": seed,
-                "where": Workers(jobs=jobs),
             }
     return class_of(result.maker)(**settings)

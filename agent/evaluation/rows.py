@@ -230,7 +230,6 @@ OF_POLICIES = (
     MEASURES[0],
     *MEASURES[3:],
 )
-OF_METHODS = (SCENARIO, METHOD, MU, SHIELD, *OUTCOMES, *MEASURES[:3], PATH_RATIO, *MEASURES[3:])
 
 
 def columns_of(rows: Iterable[Row], axes: Iterable[str]) -> Columns:

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from agent.evaluation.rows import POLICY, SCENARIO, Failure, Row
+from agent.evaluation.rows import OF_POLICIES, POLICY, SCENARIO, Failure, Row
 from agent.evaluation.statistics import Statistics, rate, summarise
 from agent.mdp.exact import enumerable, joint_starts
 from agent.mdp.greedy import GreedyPolicy
@@ -35,6 +35,21 @@ def _starts(row: Row) -> str:
     if row.success_low is None:
         return str(row.starts)
     return f"sample of {row.starts}: {row.success_low:.2%} to {row.success_high:.2%}"
+
+
+class EvaluationReport(Report, frozen=True, kw_only=True):
+    """What policies achieve; path, rotation, time and energy are means of successes."""
+
+    table = OF_POLICIES
+    title = "outcomes with 95 % intervals"
+
+    def show(self) -> None:
+        """Print the table, the first failing starts, and verdicts on claims."""
+        super().show()
+        show_failures(self.rows)
+        for row in self.rows:
+            if row.claim is not None:
+                print(f"{row.claim.verdict} for {row.policy}: {row.claim}")
 
 
 class GridReport(Report, frozen=True, kw_only=True):

@@ -5,7 +5,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -25,7 +25,8 @@ from cosim.model.scenario import Scenario
 
 _FILE = Kind("study", "see docs/studies.md")
 _OF_COMMAND = ("jobs", "backend", "address", "budget_minutes", "progress")
-_STARTS = 20  # of `evaluate`, by default
+STARTS = 50  # of `evaluate`, by default
+Table = TypeVar("Table", bound=Report)
 
 
 @showing
@@ -70,30 +71,41 @@ def study(
     scenario = to_plain("scenario", scenario)
     scenarios = scenario if isinstance(scenario, list | tuple) else [scenario]
     count = validate_argument("episodes", episodes, Count | None)
-    given = {"world": world, **options}
-    return _measured(_by_name(policies), scenarios, given, count, progress or silent)
+    how, given = record_of(Sampling, {"world": world, **options})
+    table = measured(_by_name(policies), scenarios, how, given, count, progress or silent)
+    return _written(table, how.out)
 
 
-def _measured(
+def measured(
     policies: dict[str, Any],
     scenarios: Sequence[Any],
-    options: dict[str, Any],
+    how: Sampling,
+    given: Mapping[str, Any],
     count: int | None,
     progress: Progress,
     *,
     exactly: bool = False,
-) -> Report:
-    """Measure and keep what `study` and `evaluate` are given; see `lines_of`."""
-    how, given = record_of(Sampling, options)
-    folder = how.out
+    recordings: int = 0,
+    episodes: bool = True,
+    kind: type[Table] = Report,
+) -> Table:
+    """Measure what `study`, `evaluate` and the commands are given; return a report of a kind.
+
+    Args:
+        policies, scenarios, given, count, exactly: see `lines_of`.
+        recordings, episodes: see `measure`.
+    """
     claim = claim_of(how.claim, how.confidence)
     which: dict[str, Any] = {"exactly": exactly, "claim": claim, "trainings": how.trainings}
     lines = lines_of(policies, scenarios, given, how.seed, count, progress, **which)
-    store = EpisodeStore(None if folder is None else folder / "results")
-    may_begin = until(how.budget_minutes)
-    more: dict[str, Any] = {"may_begin": may_begin, "progress": progress}
-    rows = measure(lines, store, how.where, episodes=True, **more)
-    table = Report(rows=rows, axes=tuple(lines[0].options), seed=how.seed)
+    store = EpisodeStore(None if how.out is None else how.out / "results")
+    more: dict[str, Any] = {"may_begin": until(how.budget_minutes), "progress": progress}
+    rows = measure(lines, store, how.where, recordings=recordings, episodes=episodes, **more)
+    return kind(rows=rows, axes=tuple(lines[0].options), seed=how.seed)
+
+
+def _written(table: Report, folder: Path | None) -> Report:
+    """Return a table, of which a folder has all files."""
     if folder is not None:
         for suffix in SUFFIXES:
             table.write(folder / f"study{suffix}")
@@ -153,7 +165,7 @@ def evaluate(
     Args:
         policy: file, name of a method, "module:Name", or any object with `act(observation)`.
         scenario: name, file or record; by default that of the policy's file.
-        starts: how many to sample without replacement, by default 20. With a claim by default all,
+        starts: how many to sample without replacement, by default 50. With a claim by default all,
             and if it is more than there are they begin again, each time with other noise.
         progress: see `study`.
         options: `trainings`, `claim`, `confidence`, `seed`, `world`, `jobs`, `backend`, `out` and
@@ -173,7 +185,8 @@ def evaluate(
     if varying or isinstance(policy, list | Mapping) or isinstance(scenario, list | tuple):
         raise ConfigError("evaluate takes one value of each option; study takes several")
     wanted = validate_argument("starts", starts, Count | None)
-    count = wanted or (None if options.get("claim") else _STARTS)
+    how, given = record_of(Sampling, options)
+    count = wanted or (None if how.claim else STARTS)
     by_name, exactly = {name_of(policy): policy}, wanted is not None
-    table = _measured(by_name, [scenario], options, count, progress or silent, exactly=exactly)
-    return table.rows[0]
+    work: Any = {"progress": progress or silent, "exactly": exactly}
+    return _written(measured(by_name, [scenario], how, given, count, **work), how.out).rows[0]

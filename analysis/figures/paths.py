@@ -12,7 +12,7 @@ from matplotlib.patches import Circle
 
 from agent.evaluation.rows import Row
 from agent.evaluation.statistics import interval_text
-from agent.study.studies import TransferReport
+from agent.study.report import Report
 from analysis.figures.fig05 import draw_board
 from analysis.figures.style import UNTESTED, WIDTH_IN, Drawing, verdict, verdicts
 from analysis.reading.inspection import path_length_m
@@ -142,13 +142,13 @@ def draw_tracks(axes: Axes, scenario: Scenario, tracks: list[Track]) -> None:
 
 
 def _judged(scenarios: tuple[str, ...], results: Path) -> tuple[str, str]:
-    """Return what the paper's method achieves in the table of `minirobots transfer`, and a verdict.
+    """Return what the paper's method achieves in the study of methods, and a verdict.
 
     The recorded episodes, which are drawn, are few.
     """
     rows: tuple[Row, ...] = ()
     if RESULTS["transfer"].exists(results):
-        rows = read_result("transfer", results, TransferReport).rows
+        rows = read_result("transfer", results, Report).rows
     parts, holds = [], {}
     for row in rows:
         if row.policy == "paper" and row.scenario in scenarios and not row.shield and row.episodes:
@@ -157,7 +157,7 @@ def _judged(scenarios: tuple[str, ...], results: Path) -> tuple[str, str]:
             parts.append(f"{row.scenario} in {reached} of {row.episodes} {ends}")
             holds[f"in {row.scenario}"] = reached == row.episodes
     if not parts:
-        return "not evaluated: see `minirobots transfer`", UNTESTED
+        return "not evaluated: see `minirobots study docs/studies/transfer.toml`", UNTESTED
     return (
         f"driven in the dynamics, without a shield: {', '.join(parts)} episodes",
         verdict(all(holds.values())) if len({*holds.values()}) == 1 else verdicts(holds),

@@ -1,4 +1,4 @@
-"""Success in the full co-simulation by training method, from the table of `minirobots transfer`.
+"""Success in the full co-simulation by training method, from the study docs/studies/transfer.toml.
 
 The paper has no such figure: it says of no number whether it was reached on the grid or with the
 dynamics.
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from agent.evaluation.rows import Row, rate_column
 from agent.study.plot import draw_measure
-from agent.study.studies import TransferReport
+from agent.study.report import Report
 from analysis.figures.style import Drawing
 from analysis.reading.results import read_result
 from cosim.base.errors import UserError
@@ -66,8 +66,8 @@ def drawing_of(rows: list[Row]) -> Drawing:
 
 def make(results: Path) -> Drawing:
     """Draw the figure of a results folder."""
-    report: TransferReport = read_result("transfer", results, TransferReport)
+    report: Report = read_result("transfer", results, Report)
     rows = [row for row in report.rows if row.success is not None]
     if not rows:
-        raise UserError("the table of `minirobots transfer` has no rows with episodes")
+        raise UserError("the study of methods in the dynamics has no rows with episodes")
     return drawing_of(rows)

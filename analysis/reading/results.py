@@ -98,7 +98,14 @@ RESULTS: dict[str, Result] = {
         _experiment("fig08", "training of one robot (Fig. 8)"),
         _experiment("fig11", "training of pairs (Fig. 11)"),
         _experiment("fig10", "training with values of c (Fig. 10)"),
-        Result("transfer", "success in co-simulation", "transfer", "transfer", "transfer.json"),
+        Result(
+            "transfer",
+            "success in co-simulation",
+            "transfer",
+            "study",
+            "study.json",
+            arguments=("docs/studies/transfer.toml",),
+        ),
         _experiment("sequel", "training of groups (sequel)", "--episodes", str(SEQUEL_EPISODES)),
     )
 }

@@ -16,7 +16,7 @@ from agent.evaluation.rows import METHOD, MU, PATH_RATIO, SCENARIO, SHIELD, rate
 from agent.evaluation.run import RunSummary
 from agent.evaluation.statistics import interval_text
 from agent.experiments.results import ExperimentResult
-from agent.study.studies import QUICK_EPISODES, TransferReport
+from agent.study.report import Report
 from agent.web.page import write_page
 from analysis.figures.style import FORMATS, NOTHING, UNTESTED, Caption, Claim, read_caption
 from analysis.profiles import FULL
@@ -106,18 +106,13 @@ def learning_table(title: str, content: ExperimentResult) -> ReportTable:
     return ReportTable(title, note, command, header + more, rows)
 
 
-def transfer_table(report: TransferReport) -> ReportTable:
+def transfer_table(report: Report) -> ReportTable:
     """Return the table of success in co-simulation, by method."""
-    command = f"minirobots transfer --seed {report.seed}"
-    for option, of in (("scenarios", "scenario"), ("methods", "policy")):
-        command += f" --{option} {' '.join(dict.fromkeys(getattr(row, of) for row in report.rows))}"
-    if max((row.planned for row in report.rows), default=0) <= QUICK_EPISODES:
-        command += " --quick"
     return ReportTable(
         "Success in co-simulation by training method",
         "Policies in the full dynamics with noise on the measured speeds; shares with 95 % Wilson "
         "intervals.",
-        command,
+        RESULTS["transfer"].command(Path("results")),
         tuple(column.heading for column in _TRANSFER),
         [tuple(column.text(row) for column in _TRANSFER) for row in report.rows],
     )
@@ -149,7 +144,7 @@ def result_tables(results: Path) -> Iterator[ReportTable]:
         if RESULTS[name].exists(results):
             yield learning_table(title, read_experiment(name, results))
     if RESULTS["transfer"].exists(results):
-        yield transfer_table(read_result("transfer", results, TransferReport))
+        yield transfer_table(read_result("transfer", results, Report))
     if (episodes := episode_table(results)).rows:
         yield episodes
 

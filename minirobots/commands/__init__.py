@@ -31,7 +31,6 @@ COMMANDS = {  # module, class and purpose of every command
     "screenshot": ("recordings", "Screenshot", "Save the Rerun viewer's picture of a recording"),
     "study": ("policies", "Study", "A study of your own: policies, scenarios, worlds, options"),
     "train": ("policies", "Train", "Train many runs of one configuration and evaluate them"),
-    "transfer": ("policies", "Transfer", "Count the episodes that succeed, by method of training"),
     "video": ("recordings", "Video", "Make a video of an episode: the board from above"),
     "web": ("episodes", "Web", "Write a page in which the robots drive in any browser"),
 }

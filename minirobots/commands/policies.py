@@ -12,7 +12,7 @@ import tyro
 from agent.experiments.variants import ExperimentOptions
 from agent.mdp.config import ProcessConfig
 from agent.moves.worlds import RANGES, WorldRange, checked_ranges
-from agent.study.options import Sampling, TransferOptions
+from agent.study.options import Sampling
 from agent.training.settings import LearningConfig, read_settings
 from cosim.base import command as opt
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
@@ -204,18 +204,22 @@ class Evaluate(Sampling, Command):
             paths = grid.policy_files(tuple(map(Path, policies)))
             exact = grid.report_of((str(path), load_policy(path)) for path in paths)
             return Output(exact, exact.show)
-        from agent.study.studies import STARTS, evaluate
+        from agent.study.grid import EvaluationReport, policy_files
+        from agent.study.policies import name_of
+        from agent.study.user import STARTS, measured
 
         count = int(self.starts) if self.starts and self.starts.isdecimal() else None
-        report = evaluate(
-            policies,
-            self.physics,
+        report = measured(
+            {name_of(policy): policy for policy in policy_files(policies)},
+            [self.scenario],
             self,
-            starts=count if self.starts or self.claim else STARTS,
+            vars(self.physics),
+            count if self.starts or self.claim else STARTS,
+            progress,
             exactly=count is not None,
-            scenario=self.scenario,
             recordings=self.recordings,
-            progress=progress,
+            episodes=False,
+            kind=EvaluationReport,
         )
         recordings = [path for row in report.rows for path in row.recordings]
         return Output(
@@ -281,26 +285,6 @@ class Study(Command):
             table.show,
             f"tables in {out}/: study.json, .md, .parquet, .png and episodes.parquet",
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Transfer(TransferOptions, Command):
-    """Measure how policies trained by different methods succeed in the full co-simulation.
-
-    Rows are scenarios 1a to 4, methods, friction coefficients, and the shield off and on; the most
-    important ones come first. Every episode is kept when it ends: the same command resumes, and
-    with --budget-minutes 0 it starts no episode and writes the table of existing results. Policies
-    and calibrations that are missing are made first.
-    """
-
-    kept = RESUMES
-
-    def run(self, progress: Progress) -> Output:
-        from agent.study.studies import transfer
-
-        report = transfer(self, progress)
-        files = f"table in {self.out}/: transfer.json, transfer.md"
-        return Output(report, report.show, files)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,6 +13,16 @@ NEAR = Scenario(
     "near", "", ((3, 6), (10, 6)), (((3, 7), (3, 8)), ((10, 5), (10, 4))), 14, 14, zone=(0, 0, 0, 0)
 )
 
+# The same as a file, but for its zone.
+BOARD = """
+columns = 14
+rows = 14
+robots = [
+    { target = [3, 6], starts = [[3, 7], [3, 8]] },
+    { target = [10, 6], starts = [[10, 5], [10, 4]] },
+]
+"""
+
 
 @pytest.fixture
 def fresh_cache(tmp_path, monkeypatch):

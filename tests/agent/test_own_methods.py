@@ -24,8 +24,7 @@ from agent.training.runs import policy_paths
 from agent.training.settings import LearningConfig
 from cosim.base.errors import UserError
 from cosim.base.storage import cache_dir
-from tests.agent.conftest import NEAR
-from tests.agent.study.test_transfer import BOARD
+from tests.agent.conftest import BOARD, NEAR
 
 # A rule with any number of tables, each of which is valued by the next one.
 RULE = '''

@@ -8,10 +8,9 @@ import matplotlib.pyplot as plt
 import pytest
 
 from agent.evaluation.rows import Row
-from agent.study.studies import TransferReport
+from agent.study.report import Report
 from analysis.profiles import Profile
 from analysis.reading.results import RESULTS
-from cosim.base.storage import write_json
 from minirobots.reproduction import reproduce
 
 # Everything on a small scale: few, short, but real runs.
@@ -26,7 +25,7 @@ TINY = Profile(
     episode_limit_s=30.0,  # five bursts of recordings, in one of which a robot drives
     transfer_scenarios=("1a",),
     transfer_methods=("paper",),
-    transfer_quick=True,
+    transfer_episodes=2,
 )
 
 
@@ -101,11 +100,10 @@ def transfer_row(scenario, policy, success, shield=False, mu=0.15):
 
 @pytest.fixture
 def write_transfer(tmp_path):
-    """Writes a table of `minirobots transfer` and returns its results folder."""
+    """Writes the study of methods and returns its results folder."""
 
     def write(*rows):
-        report = TransferReport(seed=0, rows=rows, episode_wall_s=1.0, simulated=50, goals=())
-        write_json(RESULTS["transfer"].proof_in(tmp_path), report)
+        Report(seed=0, rows=rows).write(RESULTS["transfer"].proof_in(tmp_path))
         return tmp_path
 
     return write

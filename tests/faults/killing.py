@@ -209,10 +209,6 @@ def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
              "--time-limit", "20", "--jobs", "2", "--out", "OUT")
         ),
         "study": Case(("-m", "minirobots", "study", str(study), "--jobs", "2", "--out", "OUT")),
-        "transfer": Case(
-            ("-m", "minirobots", "transfer", "--quick", "--scenarios", "1a", "--methods", "paper",
-             "--jobs", "2", "--out", "OUT")
-        ),
         "report": Case(("-c", REPORT, str(results), "OUT")),
         "FMU": Case(("-m", "minirobots", "fmu", "--model", "VibrationMotor", "--out", "OUT")),
         "kernels": Case(

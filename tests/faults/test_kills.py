@@ -15,19 +15,17 @@ import pytest
 from tests.faults.killing import CACHED, REMADE, Case, Workplace, cases, errors_of
 
 MOMENTS = 12
-ONE_BY_ONE = ("training", "sweep", "evaluation", "transfer", "study", "report", "FMU")
+ONE_BY_ONE = ("training", "sweep", "evaluation", "study", "report", "FMU")
 # Whose results a command reads.
 NEEDED = {"evaluation": "training", "report": "reproduction"}
 PARTIAL = {
     "training": "experiment.json",
     "sweep": "experiment.json",
     "evaluation": "results.sqlite",
-    "transfer": "policies/*.npz",  # episodes of the file end nearly at once
 }
 # Commands that keep rows of episodes.
 WRITERS = {
     "evaluate": ("--policy", "shortest", "--scenario", "1a", "--starts", "6", "--recordings", "0"),
-    "transfer": ("--quick", "--scenarios", "1a", "--methods", "paper"),
 }
 GROWING = {"summary.json", "timings.json", "results.sqlite"}
 ENDS = {signal.SIGINT: 130, signal.SIGTERM: 143}
@@ -119,7 +117,7 @@ def test_interrupted(undisturbed, tmp_path, name, how):
     assert began.returncode == ENDS[how], errors
     assert "interrupted\n" in errors  # loky may tell after it what it cleans up
     assert "Traceback" not in errors
-    marks = {"summary.json", "transfer.json", "transfer.md"}
+    marks = {"summary.json"}
     assert not marks.intersection(path.name for path in place.out.rglob("*"))
     assert not list(place.out.rglob(".*.tmp-*"))
     check(place, whole)

@@ -11,7 +11,7 @@ from agent.evaluation.rows import Failure, Row
 from agent.evaluation.statistics import Statistics, rate
 from agent.experiments import results as experiments
 from agent.mdp.exact import joint_starts
-from agent.study import grid, studies
+from agent.study import grid
 from cosim.base.table import show_texts
 from cosim.model.outcome import Outcome
 
@@ -71,9 +71,7 @@ def test_a_table_has_what_there_is_room_for():
 @pytest.mark.parametrize("width", [60, 80, 200])
 def test_policies_in_the_dynamics(width):
     row = dynamics_row(policy="p.npz", scenario="four-crossing", episodes=200, shield=False)
-    text = printed(
-        studies.EvaluationReport.show, studies.EvaluationReport(rows=(row,)), width=width
-    )
+    text = printed(grid.EvaluationReport.show, grid.EvaluationReport(rows=(row,)), width=width)
     whole = ["four-crossing", "200 of 900", "98.8% [94.2, 100.0]", "1.2% [0.0, 5.8]", "collision"]
     whole += ["123.4 cm", "1.234 [1.111, 1.345]", "12.34 cm", "123 s", "456.7 J", "min distance"]
     assert [word for word in whole if word not in text] == []
@@ -140,13 +138,3 @@ def test_effects_of_a_factorial_are_means_over_the_combinations_that_share_a_lev
     assert effects["all c2"]["success"].mean == pytest.approx(0.1)
     assert effects["all c2"]["success"].runs == 2
     assert effects["zone c2"]["success"].mean == pytest.approx(0.4)
-
-
-def test_transfer_has_all_that_its_file_has():
-    rows = (dynamics_row(policy="moves", shield=True),)
-    report = studies.TransferReport(rows=rows, episode_wall_s=120.0, simulated=50, goals=())
-    text = printed(studies.TransferReport.show, report)
-    table, _, findings = report.to_markdown().partition("\n\n")
-    cells = [c.strip() for line in table.splitlines() for c in line.strip("|").split("|")]
-    assert [c for c in cells if c != "---" and c not in text] == []
-    assert findings.split()[-2:] == text.split()[-2:]

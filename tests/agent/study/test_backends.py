@@ -1,6 +1,5 @@
 """Commands on a Dask cluster of two workers give the rows that they give in threads."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,15 +7,11 @@ import msgspec
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.study.options import Sampling, TransferOptions
-from agent.study.studies import evaluate, transfer
 from agent.study.user import study
 from agent.training.runs import Experiment, make_runs
 from agent.training.settings import LearningConfig
 from cosim.base.jobs import Workers
 from cosim.model.scenario_file import find_scenario
-from cosim.simulation.options import SimulationOptions
-from tests.agent.study.test_transfer import BOARD
 from tests.faults.killing import timeless
 
 
@@ -26,25 +21,19 @@ def training(out: Path, where: Workers) -> Any:
     return [policy.digest() for policy, _ in runs]
 
 
-NAMES = ("claim", "evaluate", "study", "training", "transfer")
+NAMES = ("claim", "study", "training")
 
 
 def rows(name: str, out: Path, where: Workers, policy: Path) -> Any:
     """What a command gives, but for the time that it takes."""
     out.parent.mkdir()
-    board = out.parent / "near.toml"
-    board.write_text(BOARD)
-    physics = SimulationOptions()
-    few: Any = {"out": out, "where": where, "methods": ("paper",)}
     work: Any = {"out": out, "backend": where.backend, "address": where.address}
-    how = Sampling(out=out, where=where)
-    claimed = replace(how, claim="success > 0.5", confidence=0.9)
+    work |= {"jobs": where.jobs, "progress": None}
+    claimed: Any = {"claim": "success > 0.5", "confidence": 0.9, "episodes": 9}
     found = {
-        "claim": lambda: evaluate([policy], physics, claimed, starts=9, recordings=0),
-        "evaluate": lambda: evaluate([policy], physics, how, recordings=0),
+        "claim": lambda: study(policy, **claimed, **work).rows,
         "study": lambda: study(policy, noise=[0.0, 0.05], episodes=2, **work).rows,
         "training": lambda: training(out, where),
-        "transfer": lambda: transfer(TransferOptions(scenarios=(str(board),), quick=True, **few)),
     }[name]()
     return timeless(msgspec.json.decode(msgspec.json.encode(found)))
 
@@ -73,4 +62,4 @@ def test_a_cluster_gives_the_rows_of_threads(cluster, name, near_file, tmp_path)
 
 @pytest.mark.slow
 def test_processes_give_the_rows_of_threads(near_file, tmp_path):
-    compare("evaluate", Workers(jobs=2, backend="loky"), near_file, tmp_path)
+    compare("study", Workers(jobs=2, backend="loky"), near_file, tmp_path)

@@ -6,6 +6,7 @@ import signal
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -13,18 +14,19 @@ from pyarrow import parquet
 
 from agent.evaluation.cases import Case, Job
 from agent.evaluation.rows import measures
-from agent.study.grid import policy_files
+from agent.study.grid import EvaluationReport, policy_files
 from agent.study.options import Sampling
 from agent.study.report import Report
 from agent.study.store import FILE, EpisodeStore, export
-from agent.study.studies import STARTS, EvaluationReport, evaluate
+from agent.study.user import STARTS, measured
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
+from cosim.base.progress import silent
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import Outcome
 from cosim.model.params import TABLE_I
-from cosim.simulation.options import SimulationOptions
 from cosim.simulation.result import EpisodeResult
+from minirobots.commands.policies import Evaluate
 
 RESULT = EpisodeResult(
     Outcome.SUCCESS, 10.0, 60.0, 9.0, None, ((0, 0),), (10.0,), 0.0, 8.0, 9.0, (9.0,), 0
@@ -38,10 +40,9 @@ def case(near_policy, motor_fmu):
 
 def run(near_file, out, *, starts=None, recordings=0, jobs=1, **physics) -> Report:
     how = Sampling(out=out, where=Workers(jobs=jobs))
-    physics = SimulationOptions(**physics)
     count, exactly = STARTS if starts is None else starts, starts is not None
-    sample = {"starts": count, "exactly": exactly, "recordings": recordings}
-    return evaluate([near_file], physics, how, **sample)
+    sample: Any = {"exactly": exactly, "recordings": recordings, "kind": EvaluationReport}
+    return measured({str(near_file): near_file}, [None], how, physics, count, silent, **sample)
 
 
 def rows(folder: Path) -> dict[int, str]:
@@ -219,3 +220,18 @@ def test_command_prints_json_last(command, whole, near_file):
     assert done.returncode == 0, done.stderr
     assert "outcomes with 95 % intervals" in done.stdout
     assert msgspec.json.decode(done.stdout.splitlines()[-1], type=EvaluationReport) == report
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"starts": "many"}, "--starts many is neither 'all' nor a positive number"),
+        ({"starts": "0"}, "--starts 0 is neither"),
+        ({"recordings": -1}, "recordings = -1 is invalid: expected int >= 0"),
+        ({"seed": -1}, "seed = -1"),
+        ({"budget_minutes": -1.0}, "budget_minutes = -1.0 is invalid"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    with pytest.raises(UserError, match=message):
+        Evaluate(**options)

@@ -130,7 +130,10 @@ def test_paths_are_judged_by_the_transfer_study(results, tmp_path, row, write_tr
     figures = (paths.fig09, paths.fig12)
     for figure in figures:
         assert figure(tmp_path).judged == (
-            ("not evaluated: see `minirobots transfer`", "cannot be tested"),
+            (
+                "not evaluated: see `minirobots study docs/studies/transfer.toml`",
+                "cannot be tested",
+            ),
         )
     others = row("2", "moves", 0.5), row("2", "paper", 0.5, shield=True)
     pairs = row("2", "paper", 1.0), row("3", "paper", 0.98)

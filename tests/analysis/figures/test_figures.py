@@ -102,7 +102,7 @@ def test_other_results_are_refused(results, tmp_path):
             PlatformResult.load(tmp_path / name)
     with pytest.raises(UserError, match=r"run `minirobots run --scenario 1a"):
         paths.fig09(tmp_path)
-    with pytest.raises(UserError, match=r"no such result of `minirobots transfer`"):
+    with pytest.raises(UserError, match=r"no such result of `minirobots study`"):
         transfer.make(tmp_path)
     for content in ("no table", [], {}, {"rows": [{"success": 1.0}]}):
         write_json(RESULTS["transfer"].proof_in(tmp_path), content)

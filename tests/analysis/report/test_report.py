@@ -5,11 +5,10 @@ import re
 import shutil
 from pathlib import Path
 
-import msgspec
 import pytest
 from markupsafe import escape
 
-from agent.study.studies import TransferReport
+from agent.study.report import Report
 from analysis.figures.style import Caption, read_caption, write_caption
 from analysis.reading.results import figure_entries
 from analysis.report.page import not_drawn, transfer_table, write_report
@@ -92,19 +91,12 @@ def test_empty_and_damaged_results(tmp_path):
 
 
 def test_transfer_is_a_table_with_intervals(row):
-    few = msgspec.structs.replace(row("2", "moves", 1.0), planned=2)
-    for rows, ending in (
-        ((row("4", "moves", 0.85),), "--scenarios 4 --methods moves"),
-        ((few,), "--scenarios 2 --methods moves --quick"),
-    ):
-        report = TransferReport(seed=0, rows=rows, episode_wall_s=1.0, simulated=50, goals=())
-        table = transfer_table(report)
-        assert table.command == f"minirobots transfer --seed 0 {ending}"
-        (cells,) = table.rows
-        assert len(cells) == len(table.header)
-        assert cells[-1] == "–"
-        if few not in rows:
-            assert cells[:6] == ("4", "moves", "0.15", "off", "50", "85.0% [75.0, 95.0]")
+    table = transfer_table(Report(seed=0, rows=(row("4", "moves", 0.85),)))
+    assert table.command == "minirobots study docs/studies/transfer.toml --out results/transfer"
+    (cells,) = table.rows
+    assert len(cells) == len(table.header)
+    assert cells[-1] == "–"
+    assert cells[:6] == ("4", "moves", "0.15", "off", "50", "85.0% [75.0, 95.0]")
 
 
 def test_what_a_reproduction_has_not_drawn_is_made_by_its_command(tmp_path):
