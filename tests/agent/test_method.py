@@ -1,6 +1,7 @@
 """Methods: the records of those built in, and a user's own, trained and compared."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -14,7 +15,9 @@ from agent.mdp.interpretations import build_process
 from agent.mdp.joint import BLOCKED, cells_after
 from agent.mdp.optimum import optimum
 from agent.moves.worlds import WorldRange
+from agent.study.policies import is_trained
 from agent.study.report import Report
+from agent.study.user import read_study
 from agent.training import methods
 from agent.training.methods import METHODS, best_method, computed, learner, method_config
 from agent.training.runs import policy_paths
@@ -72,6 +75,23 @@ def test_a_users_methods_learn_what_their_rules_say(fresh_cache):
     again = agent.train("1a", method=double_q.name, progress=None)
     assert again.digest() == found[double_q.name].digest()  # found by its name, too
     assert repr(agent.train("1a", method=straight)).endswith(":straight on the grid)")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["docs.examples.sarsa:sarsa", "docs.examples.joint:joint"])
+def test_methods_of_the_examples_learn(name):
+    policy = agent.train("1a", method=name, episodes=30_000, progress=None)
+    assert policy.evaluate().rate(Outcome.SUCCESS) == 1.0
+
+
+@pytest.mark.parametrize(
+    "file", sorted(Path("docs/studies").glob("*.toml")), ids=lambda file: file.stem
+)
+def test_studies_of_the_pages_compare_methods_that_learn(file):
+    study = read_study(file)
+    policies = study["policies"]
+    assert all(map(is_trained, policies if isinstance(policies, list) else policies.values()))
+    assert study["trainings"] > 1
 
 
 def test_a_method_of_a_module_is_trained_by_the_command(tmp_path, monkeypatch, command):

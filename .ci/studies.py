@@ -1,0 +1,50 @@
+"""Write what a study found into docs/results: `uv run python .ci/studies.py runs/NAME`.
+
+NAME.json has the numbers of the pages (`.ci/pages.py`), NAME.csv a row for every training: what
+each of its episodes ended in, in the order of the sample (s is success, c a collision, o out of the
+board, t the end of the time).
+"""
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import pandas as pd
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
+
+
+def percent(row: dict, name: str) -> str:
+    """Return a rate with its interval, as pages show it."""
+    mean, low, high = (100.0 * row[name + end] for end in ("", "_low", "_high"))
+    return f"{mean:.1f} [{low:.1f}, {high:.1f}]"
+
+
+def numbers(row: dict) -> dict[str, str]:
+    """Return the numbers of a row of a study that pages show."""
+    shares = [round(100.0 * row[f"success_{end}"]) for end in ("least", "most")]
+    found = {"success": percent(row, "success"), "range": f"{shares[0]} to {shares[1]}"}
+    failures = [f"{row['episodes'] * row[end]:.0f}" for end in ("collision", "timeout")]
+    found |= {"failures": ", ".join(failures), "path_cm": f"{row['path_length_cm']:.1f}"}
+    return found | {"time_s": f"{row['sim_time_s']:.0f}"}
+
+
+def main(folder: Path) -> None:
+    """Write both files."""
+    name = folder.name
+    rows = json.loads((folder / "study.json").read_text("utf-8"))["rows"]
+    command = f"uv run minirobots study docs/studies/{name}.toml"
+    found = {row["policy"]: numbers(row) for row in rows}
+    text = json.dumps({"command": command, **found}, indent=2, ensure_ascii=False)
+    (RESULTS / f"{name}.json").write_text(text + "\n", "utf-8")
+    episodes = pd.read_parquet(folder / "episodes.parquet")
+    with (RESULTS / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(("policy", "scenario", "training", "digest", "outcomes"))
+        for keys, of in episodes.groupby(["policy", "scenario", "training", "digest"], sort=False):
+            writer.writerow((*keys, "".join(str(outcome)[0] for outcome in of.outcome)))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
