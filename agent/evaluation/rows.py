@@ -82,8 +82,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     wall_s: float | None = None  # of the episodes, of all threads together
     digest: str = ""  # of the case, if it is one
     training: int | None = None  # its seed, of a policy that the study has trained
-    trainings: int | None = None  # that the row is over, and the rows of single ones
-    by_training: tuple["Row", ...] = ()
+    trainings: int | None = None  # that the row is over, None if nothing was learnt
+    by_training: tuple["Row", ...] = ()  # rows of single trainings, if they are several
     failing_starts: int  # episodes that did not end in success
     failures: tuple[Failure, ...] = ()  # these; on the grid at most the first 1000
     recordings: tuple[str, ...] = ()

@@ -96,7 +96,7 @@ class Line:
             claim=claim and claim.judge(results.values()),
             results=results,
             training=self.training,
-            trainings=None if self.training is None else 1,
+            trainings=1 if case.policy.episodes else None,
         )
 
 

@@ -89,7 +89,7 @@ def test_it_resumes(table, out, near_file, monkeypatch):
 def test_files_say_what_the_table_says(table, out):
     text = table.to_markdown().splitlines()
     assert len(text) == 2 + len(table.rows)
-    assert text[2].startswith("| near | near | 0 | – | 2 | 100.0% [")
+    assert text[2].startswith("| near | near | 0 | 1 | 2 | 100.0% [")
     assert (out / "study.md").read_text("utf-8").splitlines() == text
     assert len(json.loads((out / "study.json").read_text("utf-8"))["rows"]) == 4
     rows = table.to_pandas()
