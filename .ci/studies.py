@@ -8,10 +8,23 @@ board, t the end of the time).
 import csv
 import json
 import sys
+from fnmatch import fnmatch
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
+from agent.evaluation.statistics import interval_text, paired_difference
+
+# Differences between policies of a study, by their names: patterns of the first and of the second.
+DIFFERENCES = {
+    "methods": {"moves_minus_paper": ("moves", "paper")},
+    "ablation": {
+        "moves_minus_grid": ("moves-*", "grid-*"),
+        "b_minus_g": ("*-b-*", "*-g-*"),
+        "large_minus_paper": ("*-large", "*-paper"),
+    },
+}
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 
@@ -24,10 +37,23 @@ def percent(row: dict, name: str) -> str:
 def numbers(row: dict) -> dict[str, str]:
     """Return the numbers of a row of a study that pages show."""
     shares = [round(100.0 * row[f"success_{end}"]) for end in ("least", "most")]
-    found = {"success": percent(row, "success"), "range": f"{shares[0]} to {shares[1]}"}
-    failures = [f"{row['episodes'] * row[end]:.0f}" for end in ("collision", "timeout")]
-    found |= {"failures": ", ".join(failures), "path_cm": f"{row['path_length_cm']:.1f}"}
-    return found | {"time_s": f"{row['sim_time_s']:.0f}"}
+    return {
+        "success": percent(row, "success"),
+        "range": f"{shares[0]} to {shares[1]}",
+        "path_cm": f"{row['path_length_cm']:.1f}",
+    }
+
+
+def difference(episodes: pd.DataFrame, first: str, second: str) -> str:
+    """Return how much more often the first policies succeed, in points, with its interval."""
+    hits = [
+        np.array([of.outcome == "success" for _, of in group.groupby("digest", sort=False)])
+        for group in (
+            episodes[[fnmatch(policy, pattern) for policy in episodes.policy]]
+            for pattern in (first, second)
+        )
+    ]
+    return interval_text(paired_difference(*hits), 1, 100.0)
 
 
 def main(folder: Path) -> None:
@@ -35,10 +61,12 @@ def main(folder: Path) -> None:
     name = folder.name
     rows = json.loads((folder / "study.json").read_text("utf-8"))["rows"]
     command = f"uv run minirobots study docs/studies/{name}.toml"
-    found = {row["policy"]: numbers(row) for row in rows}
+    found: dict = {row["policy"]: numbers(row) for row in rows}
+    episodes = pd.read_parquet(folder / "episodes.parquet")
+    for key, pair in DIFFERENCES.get(name, {}).items():
+        found[key] = difference(episodes, *pair)
     text = json.dumps({"command": command, **found}, indent=2, ensure_ascii=False)
     (RESULTS / f"{name}.json").write_text(text + "\n", "utf-8")
-    episodes = pd.read_parquet(folder / "episodes.parquet")
     with (RESULTS / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("policy", "scenario", "training", "digest", "outcomes"))

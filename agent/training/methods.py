@@ -164,7 +164,7 @@ METHODS: dict[str, Method] = {
         Method(
             "paper",
             "Q-learning on the grid (Section V of the paper)",
-            use="default for one robot and for two",
+            use="default for one robot and for two; its trainings differ",
         ),
         Method(
             "double_q",
@@ -176,7 +176,7 @@ METHODS: dict[str, Method] = {
         Method(
             "moves",
             "Q-learning on moves observed in the co-simulation",
-            use="default with obstacles, on large boards and for swarms",
+            use="fewest failures; default with obstacles, on large boards and for swarms",
             settings=_on_moves,
             through=lambda _: False,
         ),

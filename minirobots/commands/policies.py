@@ -360,7 +360,7 @@ class ObserveMoves(Command):
     worlds: bool = False
     """Let every walk drive in a world of its own, drawn from the ranges below."""
     ranges: Annotated[WorldRange, tyro.conf.arg(name="worlds")] = RANGES
-    """Ranges that worlds are drawn from uniformly, see docs/methods.md."""
+    """Ranges that worlds are drawn from uniformly, see docs/scenarios.md."""
     cell: Annotated[opt.Positive, tyro.conf.arg(metavar="M")] = Scenario.cell_m
     """Edge of a cell in m, that of the scenario to train in."""
     seed: opt.Seed = 0
