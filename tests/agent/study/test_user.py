@@ -225,7 +225,7 @@ def test_worlds_may_have_names():
     lines = lines_of({"stubborn": Stubborn()}, [NEAR], {"world": worlds}, 0, 1)
     assert [line.options["world"] for line in lines] == ["worn", "ideal"]
     assert [line.case.config.world for line in lines] == [World(motor_spread=0.1), World()]
-    named = read_study(Path("docs/examples/worlds.toml"))["world"]
+    named = read_study(Path("docs/studies/worlds.toml"))["world"]
     found = [find_in_world("4", world)[1] for world in named.values()]
     assert len({repr(world) for world in found}) == len(named) > 20
     with pytest.raises(UserError, match=r"world = 0\.1 is invalid"):
