@@ -302,9 +302,10 @@ def _cannot(machine: str, found: dict[str, Primitive], can: set[str]) -> str:
     speed, rate = 1e3 * math.hypot(*best.mean[:2]), math.degrees(best.mean[2])
     falls = any(found[name].airborne_share == FALLEN for name in lacking)
     return (
-        f"machine {machine} cannot steer: found nothing for {', '.join(lacking).replace('_', ' ')}"
-        f"{', which it does not do without falling over' if falls else ''}; its best motion is "
-        f"{speed:.2f} mm/s with {rate:+.1f} °/s at set points "
+        f"machine {machine} cannot steer: found nothing that mainly does "
+        f"{', '.join(lacking).replace('_', ' ')}"
+        f"{', which it does not do without falling over' if falls else ''}; the fastest of the "
+        f"best tries is {speed:.2f} mm/s with {rate:+.1f} °/s at set points "
         f"{', '.join(f'{value:.0f}' for value in best.set_points_rad_s)} rad/s; change motors or "
         "feet, or command its set points by a policy that has drive(motion) or by Drive-v0 with "
         "action = motors (docs/environments.md)"

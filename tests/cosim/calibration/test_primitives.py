@@ -155,10 +155,8 @@ def test_a_robot_that_can_drives_sideways_instead_of_turning(config):
 
 def test_a_machine_that_cannot_steer_is_refused_with_its_best_motion(config):
     circling = found(left_turn=primitive(0.0, 0.0, 0.0), right_turn=primitive(4e-3, 0.0, -0.1))
-    with pytest.raises(
-        UserError,
-        match=r"^machine drawn cannot steer: found nothing for left turn, right turn; .*4\.00 mm/s",
-    ):
+    words = r"^machine drawn cannot steer: .* mainly does left turn, right turn; .*4\.00 mm/s"
+    with pytest.raises(UserError, match=words):
         steered(config, circling)
     one_way = steered(config, found(backwards=primitive(0.0, 0.0, 0.0))).steering
     assert one_way.backward_speed_rad_s == 0.0
