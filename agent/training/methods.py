@@ -113,8 +113,9 @@ class Method:
         learnt = {name: given[name] for name in given if hasattr(learning, name)}
         if learnt and self.compute is not None:
             raise _without_effect(min(learnt), self, "it is computed, not trained")
-        others = {name: given[name] for name in given if name not in learnt}
-        return replace(process, **others), replace(learning, **learnt)
+        if others := {name: given[name] for name in given if name not in learnt}:
+            process = replace(process, **others)
+        return process, replace(learning, **learnt)
 
     @property
     def own(self) -> bool:

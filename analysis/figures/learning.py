@@ -152,7 +152,8 @@ def draw_learning_curves(
             _draw_pair(pair, variant, prefix, variant.label)
         pair[0].set_title(title, loc="left")
         pair[0].set(ylabel="success in %", ylim=(-3, 103))
-        longest = max(np.nanmax(np.array(line.get_ydata())) for line in pair[1].lines)
+        means = np.concatenate([np.array(line.get_ydata()) for line in pair[1].lines])
+        longest = float(np.nanmax(means, initial=1.0))  # none where no run has arrived yet
         pair[1].set(ylabel="path length in cm", ylim=(0.0, 1.2 * longest))
     if reference:
         _draw_differences(axes["difference"], variants, reference)
