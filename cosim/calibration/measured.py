@@ -30,21 +30,16 @@ def reduced(config: CoSimConfig, world: Sequence[str]) -> CoSimConfig:
     Args:
         world: fields of the world that they meet.
     """
-    return replace(config, **_without_effect(config, world))
-
-
-def _without_effect(config: CoSimConfig, world: Sequence[str]) -> dict[str, Any]:
-    """Fields with what decides nothing at its default."""
-    clock = {name: getattr(config.timing, name) for name in _CLOCK}
-    return {
-        "timing": TIMING._replace(**clock),
-        "world": World(**{name: getattr(config.world, name) for name in world}),
-        "on_collision": "end",
-        "through": False,
-        "shield": None,
-        "preset": PAPER,
-        "estimator": config.estimator if "sensor" in world else ESTIMATOR,
-    }
+    return replace(
+        config,
+        timing=TIMING._replace(**{name: getattr(config.timing, name) for name in _CLOCK}),
+        world=World(**{name: getattr(config.world, name) for name in world}),
+        on_collision="end",
+        through=False,
+        shield=None,
+        preset=PAPER,
+        estimator=config.estimator if "sensor" in world else ESTIMATOR,
+    )
 
 
 def key_of(
@@ -53,19 +48,15 @@ def key_of(
     config: CoSimConfig,
     motor_fmu: Path,
     *further: Any,
-    world: Sequence[str] | None = None,
     steering: Sequence[str] | None = None,
 ) -> str:
     """Hash (16 hex digits) of what a measurement depends on, of which sources are no part.
 
     Args:
         further: seed, cell and the like.
-        world: as of `reduced`; by default all that the configuration has matters.
         steering: fields of the steering that matter, by default all.
     """
     own = vars(config) | {"sources": ()}
-    if world is not None:
-        own |= _without_effect(config, world)
     if steering is not None:
         own["steering"] = {name: getattr(config.steering, name) for name in steering}
     return digest_of(what, version, own, identity_of_fmu(motor_fmu), *further)

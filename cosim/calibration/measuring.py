@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import cache_dir, cached
-from cosim.calibration.measured import LOAD, key_of
+from cosim.calibration.measured import LOAD, key_of, reduced
 from cosim.calibration.primitives import find_primitives, steered
 from cosim.calibration.speed_map import (
     BOUNCING_SHARE,
@@ -158,7 +158,8 @@ def measure_batch(
 def digest(config: CoSimConfig, motor_fmu: Path) -> str:
     """Hash (16 hex digits) of what a calibration depends on: robot, motors, clock, noise, load."""
     driven = ("dither_rad_s", "pulse_s", "pause_s", "shares", "drives")
-    return key_of("calibration", VERSION, config, motor_fmu, world=LOAD, steering=driven)
+    own = reduced(config, LOAD)
+    return key_of("calibration", VERSION, own, motor_fmu, steering=driven)
 
 
 def find_calibration(

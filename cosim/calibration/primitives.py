@@ -16,7 +16,7 @@ import numpy as np
 from cosim.base.command import workers
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
-from cosim.calibration.measured import LOAD, key_of, measured
+from cosim.calibration.measured import LOAD, key_of, measured, reduced
 from cosim.calibration.speed_map import DIRECTIONS, DRIVES, LEAST_M_S
 from cosim.calibration.trial import FALLEN, Trial, mean_motion, without_falls
 from cosim.coupling.master import FallError
@@ -212,7 +212,7 @@ def find_primitives(
 ) -> dict[str, Primitive]:
     """The primitives of a configuration: found in the cache, or searched for and kept there."""
     pulses = ("pulse_s", "pause_s")
-    key = key_of("primitives", VERSION, config, motor_fmu, world=LOAD, steering=pulses)
+    key = key_of("primitives", VERSION, reduced(config, LOAD), motor_fmu, steering=pulses)
     make = partial(search, config, motor_fmu, progress)
     return measured(key, dict[str, Primitive], make, again=again)
 

