@@ -76,6 +76,9 @@ def ways(command, tmp_path_factory):
             patch.setattr("agent.training.store.find_or_make", catch)
             agent.train(scenario, method=method, progress=None, **options)
 
+    def not_measured(config, *_, **__):
+        return config if config.steering.drive_speed_m_s else config.commanded
+
     def page(scenario, method, **options):
         more = {name: options.pop(name) for name in ("seed", "worlds") if name in options}
         write_page(folder / "p.html", scenario, SimulationOptions(**options), method=method, **more)
@@ -84,7 +87,7 @@ def ways(command, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for place in ("cosim.calibration.measuring", "agent.training.methods"):
-            patch.setattr(f"{place}.calibrated", lambda config, *_, **__: config)
+            patch.setattr(f"{place}.calibrated", not_measured)
         stopping = "cosim.calibration.shielding.with_stopping_distance"
         patch.setattr(stopping, lambda config, *_: config)
         patch.setattr("agent.training.methods.cached_moves", observed)
