@@ -76,6 +76,9 @@ def ways(command, tmp_path_factory):
             patch.setattr("agent.training.store.find_or_make", catch)
             agent.train(scenario, method=method, progress=None, **options)
 
+    def not_measured(config, *_, **__):
+        return config if config.steering.drive_speed_m_s else config.commanded
+
     def page(scenario, method, **options):
         more = {name: options.pop(name) for name in ("seed", "worlds") if name in options}
         write_page(folder / "p.html", scenario, SimulationOptions(**options), method=method, **more)
@@ -84,7 +87,7 @@ def ways(command, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for place in ("cosim.calibration.measuring", "agent.training.methods"):
-            patch.setattr(f"{place}.calibrated", lambda config, *_, **__: config)
+            patch.setattr(f"{place}.calibrated", not_measured)
         stopping = "cosim.calibration.shielding.with_stopping_distance"
         patch.setattr(stopping, lambda config, *_: config)
         patch.setattr("agent.training.methods.cached_moves", observed)
@@ -216,7 +219,7 @@ OTHER = {
     "speed": 3.0, "on_collision": "continue", "shield": True, "open_loop": ("motors",),
     "time_limit": 100.0, "seed": 3, "record": "summary", "signals": [1], "driver": "reference",
     "motor_fmu": "other.fmu", "world": "wall.toml",
-    "episodes": 1000, "again": True, "worlds": WorldRange(restitution=(0.1, 0.2)),
+    "episodes": 1000, "again": True, "eta": 0.2, "worlds": WorldRange(restitution=(0.1, 0.2)),
 }  # fmt: skip
 
 
@@ -246,8 +249,9 @@ def test_each_option_changes_what_a_way_in_makes_or_is_refused(ways, way):
 
 @pytest.mark.parametrize("method", ["moves", "shortest"])
 def test_each_option_changes_what_is_trained_or_is_refused(ways, method):
-    own = ("scenario", "method", "progress")
+    own = ("scenario", "method", "progress", "settings")
     options = [name for name in inspect.signature(agent.train).parameters if name not in own]
+    options.append("eta")
     changes(ways, "train", method, options)
 
 
