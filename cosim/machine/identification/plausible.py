@@ -1,5 +1,6 @@
 """Whether a track can be of a machine that is driven as its rows say, by a simulation."""
 
+import logging
 import math
 from collections.abc import Iterator
 
@@ -10,8 +11,10 @@ from cosim.machine.identification.simulated import Simulated
 from cosim.machine.identification.track import SeenTrack
 
 # Motors whose speeds are closer than this keep their phase for so long that it decides the motion,
-# which nothing in a track tells; and the share of the time that they may do so.
-LEAST_GAP_RAD_S, MOST_SHARE = 50.0, 0.2
+# which nothing in a track tells; from when on it hardly matters; and the share of the time that they
+# may be closer.
+LEAST_GAP_RAD_S, GOOD_GAP_RAD_S, MOST_SHARE = 50.0, 100.0, 0.2
+_LOGGER = logging.getLogger(__name__)
 # Of the correlation of motions seen and simulated: what a right track has at least, with motors
 # that turn both ways and with others (a Kilobot whose parameters all differ has 0.49); what a fault
 # must give to be named, and by how much better it must explain the track; and how near to that
@@ -63,18 +66,22 @@ def require_plausible(name: str, track: SeenTrack, drive: Simulated) -> None:
 
 
 def _require_phases(name: str, track: SeenTrack) -> None:
+    """Refuse a track in which speeds of two motors are too close, and warn of one with near ones."""
     sizes = np.abs(track.commands[:-1])
     ordered = np.sort(np.where(sizes > 0.0, sizes, np.nan), axis=1)  # those that stand are last
-    driving = sizes.any(axis=1)
-    close = (np.diff(ordered, axis=1) < LEAST_GAP_RAD_S).any(axis=1)
-    lasting = np.diff(track.times)
-    share = lasting[close].sum() / max(lasting[driving].sum(), 1e-9)
-    if share > MOST_SHARE:
-        raise UserError(
-            f"{name}: in {share:.0%} of the time that it drives, speeds of two motors differ by "
-            f"less than {LEAST_GAP_RAD_S:g} rad/s, and their phase decides the motion; "
-            "drive it with what --excite writes, or let one motor stand"
-        )
+    gaps, lasting = np.diff(ordered, axis=1), np.diff(track.times)
+    driven_s = max(lasting[sizes.any(axis=1)].sum(), 1e-9)
+    for gap in (LEAST_GAP_RAD_S, GOOD_GAP_RAD_S):
+        share = lasting[(gaps < gap).any(axis=1)].sum() / driven_s
+        if share > MOST_SHARE:
+            close = (
+                f"{name}: in {share:.0%} of the time that it drives, speeds of two motors differ by "
+                f"less than {gap:g} rad/s, and their phase decides the motion; "
+                "drive it with what --excite writes, or let one motor stand"
+            )
+            if gap == LEAST_GAP_RAD_S:
+                raise UserError(close)
+            _LOGGER.warning(close.replace("decides", "is a part of"))
 
 
 def _agreements(track: SeenTrack, drive: Simulated) -> Iterator[tuple[str, float]]:
