@@ -11,8 +11,8 @@ from cosim.machine.identification.simulated import Simulated
 from cosim.machine.identification.track import SeenTrack
 
 # Motors whose speeds are closer than this keep their phase for so long that it decides the motion,
-# which nothing in a track tells; from when on it hardly matters; and the share of the time that they
-# may be closer.
+# which nothing in a track tells; from when on it hardly matters; and the share of the time in which
+# they may be closer.
 LEAST_GAP_RAD_S, GOOD_GAP_RAD_S, MOST_SHARE = 50.0, 100.0, 0.2
 _LOGGER = logging.getLogger(__name__)
 # Of the correlation of motions seen and simulated: what a right track has at least, with motors
@@ -66,7 +66,7 @@ def require_plausible(name: str, track: SeenTrack, drive: Simulated) -> None:
 
 
 def _require_phases(name: str, track: SeenTrack) -> None:
-    """Refuse a track in which speeds of two motors are too close, and warn of one with near ones."""
+    """Refuse a track with speeds of two motors that are too close; warn of near ones."""
     sizes = np.abs(track.commands[:-1])
     ordered = np.sort(np.where(sizes > 0.0, sizes, np.nan), axis=1)  # those that stand are last
     gaps, lasting = np.diff(ordered, axis=1), np.diff(track.times)
@@ -75,8 +75,8 @@ def _require_phases(name: str, track: SeenTrack) -> None:
         share = lasting[(gaps < gap).any(axis=1)].sum() / driven_s
         if share > MOST_SHARE:
             close = (
-                f"{name}: in {share:.0%} of the time that it drives, speeds of two motors differ by "
-                f"less than {gap:g} rad/s, and their phase decides the motion; "
+                f"{name}: in {share:.0%} of the time that it drives, speeds of two motors differ "
+                f"by less than {gap:g} rad/s, and their phase decides the motion; "
                 "drive it with what --excite writes, or let one motor stand"
             )
             if gap == LEAST_GAP_RAD_S:
