@@ -87,11 +87,12 @@ def test_methods_of_the_examples_learn(name):
 @pytest.mark.parametrize(
     "file", sorted(Path("docs/studies").glob("*.toml")), ids=lambda file: file.stem
 )
-def test_studies_of_the_pages_compare_methods_that_learn(file):
+def test_studies_of_the_pages_name_methods_and_scenarios_that_there_are(file):
     study = read_study(file)
-    policies = study["policies"]
-    assert all(map(is_trained, policies if isinstance(policies, list) else policies.values()))
-    assert study["trainings"] > 1
+    policies, scenarios = study["policies"], study["scenario"]
+    assert any([*map(is_trained, policies if isinstance(policies, list) else policies.values())])
+    for name in scenarios if isinstance(scenarios, list) else [scenarios]:
+        find_scenario(name)
 
 
 def test_a_method_of_a_module_is_trained_by_the_command(tmp_path, monkeypatch, command):

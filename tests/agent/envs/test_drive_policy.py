@@ -146,7 +146,7 @@ HOPPING = "[body]\nmass_kg = 0.05\n[world]\nrestitution = 0.9\n"
         ("kilobot", 2),
         (WEAK, 2),
         (HOPPING, 2),
-        pytest.param(ONE_MOTOR, 1, marks=pytest.mark.long),
+        pytest.param(ONE_MOTOR, 1, marks=pytest.mark.slow),
     ],
 )
 def test_motors_are_commanded_without_a_calibration(

@@ -45,7 +45,7 @@ def feet(angles: list[float], radii: list[float]) -> tuple[Foot, ...]:
     return tuple(Foot(r * math.cos(a), r * math.sin(a)) for a, r in zip(angles, radii, strict=True))
 
 
-@pytest.mark.parametrize("count", [4, pytest.param(16, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [4, pytest.param(16, marks=pytest.mark.slow)])
 @given(data=st.data())
 @settings(max_examples=20, deadline=None)
 def test_a_dropped_body_gains_no_energy_and_keeps_the_cone(count, data):
@@ -159,7 +159,7 @@ SQUARE: RobotParams = TABLE_I._replace(
 )
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_mirror_images_move_as_mirror_images_in_every_bit(motor_fmu):
     """Motors D and E change places and sense; the one on the x axis turns the other way."""
     base = silent(CoSimConfig())

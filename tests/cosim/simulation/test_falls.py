@@ -24,7 +24,9 @@ def batch_of_three(fmu, driver="compiled"):
     return batch, dict.fromkeys(range(3), np.array([2, 2]))
 
 
-@pytest.mark.parametrize("driver", ["compiled", "fmpy", "reference"])
+@pytest.mark.parametrize(
+    "driver", ["compiled", "fmpy", pytest.param("reference", marks=pytest.mark.slow)]
+)
 def test_a_robot_that_tips_over_in_an_episode_is_named_with_the_time(driver, array_fmu):
     """The second robot of the last place, which turns in the air."""
     batch, actions = batch_of_three(array_fmu, driver)
