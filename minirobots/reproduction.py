@@ -45,7 +45,8 @@ def reproduce(
         say(f"{label} …")
         with timings.stage(result.name):
             if result.maker == "study":
-                compare(profile, result.location(results), seed, jobs, progress)
+                of = compared(profile, seed, jobs)
+                study(**of, out=result.location(results), progress=progress)
             else:
                 command_of(result, results, profile, seed, jobs).run(progress)
         say(f"{label}: {timings.seconds(result.name):.1f} s")
@@ -55,18 +56,16 @@ def reproduce(
     return write_report(results, out / "figures", out / "report")
 
 
-def compare(profile: Profile, out: Path, seed: int, jobs: int, progress: Progress) -> None:
-    """Drive the methods of a profile in its scenarios, without and with the shield."""
-    study(
-        list(profile.transfer_methods),
-        list(profile.transfer_scenarios),
-        episodes=profile.transfer_episodes,
-        shield=[False, True],
-        seed=seed,
-        jobs=jobs,
-        out=out,
-        progress=progress,
-    )
+def compared(profile: Profile, seed: int, jobs: int) -> dict[str, Any]:
+    """Return the study of a profile's methods in its scenarios, without and with the shield."""
+    return {
+        "policies": list(profile.transfer_methods),
+        "scenario": list(profile.transfer_scenarios),
+        "episodes": profile.transfer_episodes,
+        "shield": [False, True],
+        "seed": seed,
+        "jobs": jobs,
+    }
 
 
 def redraw(out: Path, progress: Progress, say: Callable[[str], None]) -> Path:

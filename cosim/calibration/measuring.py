@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.base.storage import cache_dir, cached
 from cosim.calibration.measured import LOAD, key_of, reduced
@@ -64,8 +65,10 @@ def points(config: CoSimConfig) -> list[Point]:
         for name in DIRECTIONS:
             tops = zip(config.top_speeds_rad_s, shares_of(config, name), strict=True)
             top = min((top / abs(own) for top, own in tops if own), default=0.0)
+            if not top:
+                continue
             speed = share * top
-            found += [Point(name, speed, phase=phase) for phase in some if top]
+            found += [Point(name, speed, phase=phase) for phase in some]
             # Without dither, by symmetry, one drive and one turn: what the phase does.
             if dithers and name in ("forwards", "left_turn") and share in PHASE_SPEEDS:
                 found += [Point(name, speed, phase=phase, dithered=False) for phase in many]
@@ -84,6 +87,11 @@ def measure(
 ) -> Calibration:
     """Co-simulate all trials, in some threads; `config`'s motor and drive speeds do not matter."""
     todo, fmu, motors = points(config), MotorFmu(motor_fmu), len(config.robot.motors)
+    if not todo:
+        raise UserError(
+            "the motors are too weak to move the robot: they reach 0 rad/s; give stronger ones by "
+            "--motor-fmu or --motor-parameter"
+        )
     batches = [todo[k : k + BATCH] for k in range(0, len(todo), BATCH)]
     rows: list[np.ndarray] = []
     task = "calibrating speeds"

@@ -15,7 +15,7 @@ from cosim.base.errors import UserError
 from cosim.base.progress import silent
 from minirobots import reproduction as stages
 from minirobots.commands.paper import Reproduce
-from minirobots.reproduction import command_of, reproduce
+from minirobots.reproduction import command_of, compared, reproduce
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_the_experiment_prints_json_and_keeps_its_runs(out, command):
 def test_every_experiment_changes_one_thing_of_the_default():
     for name in get_args(Name):
         variants = variants_of(name)
-        distinct = {(v.scenario, v.process, v.learning) for v in variants.values()}
+        distinct = {(v.scenario, v.process, v.learning, v.method) for v in variants.values()}
         assert {v.reference for v in variants.values()} <= {None, *variants}
         assert len(distinct) == len(variants)
 
@@ -124,7 +124,11 @@ def test_a_stage_is_made_again_if_it_was_interrupted_or_is_of_another_version(
 def test_amounts_are_those_of_the_page_and_seeds_those_of_everything_random():
     """Training, starts and noise: each command that draws gets the seed as each of its seeds."""
     for result in RESULTS.values():
-        options = vars(command_of(result, Path("x"), FULL, 7, 1))
+        if result.maker == "study":
+            options = compared(FULL, 7, 1)
+            assert (options["episodes"], len(options["scenario"])) == (50, 5)
+        else:
+            options = vars(command_of(result, Path("x"), FULL, 7, 1))
         if result.maker == "experiments":
             printed = 2_000_000 if result.name == "sequel" else 5_000_000
             assert (options["runs"], options["episodes"]) == (20, printed)

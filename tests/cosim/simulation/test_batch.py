@@ -107,6 +107,7 @@ def test_drivers_give_another_machine_the_same_bits(reaction, array_fmu, tmp_pat
     preset = find_preset(file)
     shares = tuple(MotorShares(s, -s, 0.3, 0.2, 1.0, -1.0, s) for s in (-1.0, 1.0, 0.5, -0.5))
     speeds = {n: 780.0 for n in STEERING._fields if n.endswith("_speed_rad_s")}
+    speeds |= {"drive_speed_m_s": 0.004, "turn_rate_rad_s": 0.2}
     own = {"reaction": reaction, "shares": shares, "rl_step_s": 0.1, **speeds}
     config = preset.config().having("test", **own)
     first, *others = (

@@ -66,7 +66,7 @@ CAMERA = Sensor(FRAME_RATE_HZ, 50.0, 0.5, 1.0)
 
 @pytest.mark.long
 def test_robots_beside_each_other_move_as_each_alone():
-    robots = [TABLE_I, TABLE_I.spread(0.9)._replace(mu=0.3, com_height_m=0.018)]
+    robots = [TABLE_I, TABLE_I._replace(feet=circle(0.021), mu=0.3, com_height_m=0.018)]
     drive = Drive(-900.0, 930.0)
     speeds = np.tile([drive.omega_d, drive.omega_e], (101, 1))
     seen = tracks([Machine(robot) for robot in robots], speeds, 100, DT_S, 100)
