@@ -72,7 +72,8 @@ def study(
     scenarios = scenario if isinstance(scenario, list | tuple) else [scenario]
     count = validate_argument("episodes", episodes, Count | None)
     how, given = record_of(Sampling, {"world": world, **options})
-    table = measured(_by_name(policies), scenarios, how, given, count, progress or silent)
+    by_name, store = _by_name(policies), _store(how.out)
+    table = measured(by_name, scenarios, how, given, count, store, progress or silent)
     return _written(table, how.out)
 
 
@@ -82,6 +83,7 @@ def measured(
     how: Sampling,
     given: Mapping[str, Any],
     count: int | None,
+    store: EpisodeStore,
     progress: Progress,
     *,
     exactly: bool = False,
@@ -93,15 +95,19 @@ def measured(
 
     Args:
         policies, scenarios, given, count, exactly: see `lines_of`.
+        store: where episodes are kept.
         recordings, episodes: see `measure`.
     """
     claim = claim_of(how.claim, how.confidence)
     which: dict[str, Any] = {"exactly": exactly, "claim": claim, "trainings": how.trainings}
     lines = lines_of(policies, scenarios, given, how.seed, count, progress, **which)
-    store = EpisodeStore(None if how.out is None else how.out / "results")
     more: dict[str, Any] = {"may_begin": until(how.budget_minutes), "progress": progress}
     rows = measure(lines, store, how.where, recordings=recordings, episodes=episodes, **more)
     return kind(rows=rows, axes=tuple(lines[0].options), seed=how.seed)
+
+
+def _store(folder: Path | None) -> EpisodeStore:
+    return EpisodeStore(None if folder is None else folder / "results")
 
 
 def _written(table: Report, folder: Path | None) -> Report:
@@ -188,5 +194,5 @@ def evaluate(
     how, given = record_of(Sampling, options)
     count = wanted or (None if how.claim else STARTS)
     by_name, exactly = {name_of(policy): policy}, wanted is not None
-    work: Any = {"progress": progress or silent, "exactly": exactly}
+    work: Any = {"store": _store(how.out), "progress": progress or silent, "exactly": exactly}
     return _written(measured(by_name, [scenario], how, given, count, **work), how.out).rows[0]

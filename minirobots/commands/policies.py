@@ -206,6 +206,7 @@ class Evaluate(Sampling, Command):
             return Output(exact, exact.show)
         from agent.study.grid import EvaluationReport, policy_files
         from agent.study.policies import name_of
+        from agent.study.store import EpisodeStore
         from agent.study.user import STARTS, measured
 
         count = int(self.starts) if self.starts and self.starts.isdecimal() else None
@@ -215,6 +216,7 @@ class Evaluate(Sampling, Command):
             self,
             vars(self.physics),
             count if self.starts or self.claim else STARTS,
+            EpisodeStore(self.out),
             progress,
             exactly=count is not None,
             recordings=self.recordings,

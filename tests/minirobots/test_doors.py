@@ -293,7 +293,7 @@ def test_a_policy_names_the_machine_of_its_moves_and_warns_on_another(
     agent.train(path, method="fastest", progress=None).save(file := tmp_path / "policy.npz")
     policy = agent.load(file)
     moves = policy.config.moves
-    assert moves.machine == "paper (VibrationMotor.fmu)"
+    assert moves.machine == "paper (VibrationMotors.fmu)"
     short: Any = {"time_limit": 2, "progress": None}
     on = "--policy", file, "--scenario", path, "--time-limit", 2, "--record", "none"
     cases: Any = ({}, False), ({"mu": 0.2}, False), ({"motor_parameters": {"J": 6e-9}}, True)

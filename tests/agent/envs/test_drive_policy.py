@@ -143,7 +143,7 @@ HOPPING = "[body]\nmass_kg = 0.05\n[world]\nrestitution = 0.9\n"
 @pytest.mark.parametrize(
     ("machine", "motors"),
     [
-        ("kilobot", 2),
+        pytest.param("kilobot", 2, marks=pytest.mark.slow),
         (WEAK, 2),
         (HOPPING, 2),
         pytest.param(ONE_MOTOR, 1, marks=pytest.mark.slow),

@@ -42,7 +42,8 @@ def run(near_file, out, *, starts=None, recordings=0, jobs=1, **physics) -> Repo
     how = Sampling(out=out, where=Workers(jobs=jobs))
     count, exactly = STARTS if starts is None else starts, starts is not None
     sample: Any = {"exactly": exactly, "recordings": recordings, "kind": EvaluationReport}
-    return measured({str(near_file): near_file}, [None], how, physics, count, silent, **sample)
+    sample |= {"store": EpisodeStore(out), "progress": silent, "episodes": False}
+    return measured({str(near_file): near_file}, [None], how, physics, count, **sample)
 
 
 def rows(folder: Path) -> dict[int, str]:

@@ -44,6 +44,7 @@ kind.clearRect = function (...box) {
 OUTCOME = "document.getElementById('outcome').textContent"
 
 
+@pytest.mark.slow  # of a busy machine: where robots are after some seconds as fast as it goes
 @pytest.mark.skipif(PROGRAM is None and "CI" not in os.environ, reason="no browser is installed")
 def test_controls_do_what_they_say(tmp_path):
     (tmp_path / "patch.toml").write_text(PATCH)

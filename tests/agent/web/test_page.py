@@ -286,6 +286,7 @@ def test_an_episode_that_has_ended_says_so_to_who_moves_robots(browser, written)
     assert said == []
 
 
+@pytest.mark.slow
 def test_pages_are_equal_wherever_they_are_written(written, tmp_path):
     path, _ = written("pair")
     script = (
