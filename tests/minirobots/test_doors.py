@@ -22,7 +22,7 @@ from agent.web.page import write_page
 from cosim.base.errors import UserError
 from cosim.base.provenance import digest_of
 from cosim.recording.series import with_bursts
-from cosim.simulation.options import EpisodeOptions, Physics, SimulationOptions
+from cosim.simulation.options import EpisodeOptions, SimulationOptions
 from fmus.build import cached_fmu, identity_of_fmu
 from minirobots.commands.policies import Train
 
@@ -283,30 +283,3 @@ def changes(ways, way, method, options):
             refused.append(name)
             assert name.replace("_", "-") in str(error).replace("_", "-"), error
     assert len(refused) < len(options) / 2 or method == "shortest", refused
-
-
-def test_a_policy_names_the_machine_of_its_moves_and_warns_on_another(
-    command, tmp_path, monkeypatch, caplog
-):
-    monkeypatch.setattr("cosim.calibration.measuring.calibrated", lambda config, *_, **__: config)
-    (path := tmp_path / "alone.toml").write_text(ALONE)
-    agent.train(path, method="fastest", progress=None).save(file := tmp_path / "policy.npz")
-    policy = agent.load(file)
-    moves = policy.config.moves
-    assert moves.machine == "paper (VibrationMotors.fmu)"
-    short: Any = {"time_limit": 2, "progress": None}
-    on = "--policy", file, "--scenario", path, "--time-limit", 2, "--record", "none"
-    cases: Any = ({}, False), ({"mu": 0.2}, False), ({"motor_parameters": {"J": 6e-9}}, True)
-    for options, foreign in cases:
-        out = tmp_path / f"run-{len(caplog.text)}-{foreign}"
-        for way in (
-            lambda o=options: mr.simulate(path, policy, record="summary", **short, **o),
-            lambda o=options: mr.evaluate(policy, path, starts=1, **short, **o),
-            lambda o=options, out=out: command("run", *on, *flags(o), "--out", out),
-        ):
-            caplog.clear()
-            way()
-            assert ("made with moves of machine paper" in caplog.text) == foreign
-    with pytest.raises(UserError, match=r"those of machine paper .* do not fit kilobot"):
-        method_config("moves", path, options=Physics(preset="kilobot"), moves=moves)
-    assert method_config("moves", path, moves=moves, alone=True).moves == moves

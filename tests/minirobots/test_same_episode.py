@@ -6,11 +6,14 @@ from typing import Any
 import msgspec
 import pytest
 
+import agent
 import minirobots as mr
 from agent.envs import parallel_env
+from agent.training.methods import method_config
 from agent.web.page import write_page
+from cosim.base.errors import UserError
 from cosim.recording.series import DIRECTION_NAMES
-from cosim.simulation.options import SimulationOptions
+from cosim.simulation.options import Physics, SimulationOptions
 from cosim.simulation.simulate import draw_episode
 from cosim.simulation.tasks import Task, simulate_tasks
 from tests.minirobots.test_doors import ALONE, WALL, flags
@@ -59,3 +62,30 @@ def test_every_way_in_gives_the_same_episode(command, tmp_path, monkeypatch):
     tasks = [Task(setup.scenario, setup.fmu, setup.config, policy, starts, noise)]
     ((_, result),) = simulate_tasks(tasks, 1)
     assert (result.outcome, result.sim_time_s, result.path_length_cm) == (*expected, length_cm)
+
+
+def test_a_policy_names_the_machine_of_its_moves_and_warns_on_another(
+    command, tmp_path, monkeypatch, caplog
+):
+    monkeypatch.setattr("cosim.calibration.measuring.calibrated", lambda config, *_, **__: config)
+    (path := tmp_path / "alone.toml").write_text(ALONE)
+    agent.train(path, method="fastest", progress=None).save(file := tmp_path / "policy.npz")
+    policy = agent.load(file)
+    moves = policy.config.moves
+    assert moves.machine == "paper (VibrationMotors.fmu)"
+    short: Any = {"time_limit": 2, "progress": None}
+    on = "--policy", file, "--scenario", path, "--time-limit", 2, "--record", "none"
+    cases: Any = ({}, False), ({"mu": 0.2}, False), ({"motor_parameters": {"J": 6e-9}}, True)
+    for options, foreign in cases:
+        out = tmp_path / f"run-{len(caplog.text)}-{foreign}"
+        for way in (
+            lambda o=options: mr.simulate(path, policy, record="summary", **short, **o),
+            lambda o=options: mr.evaluate(policy, path, starts=1, **short, **o),
+            lambda o=options, out=out: command("run", *on, *flags(o), "--out", out),
+        ):
+            caplog.clear()
+            way()
+            assert ("made with moves of machine paper" in caplog.text) == foreign
+    with pytest.raises(UserError, match=r"those of machine paper .* do not fit kilobot"):
+        method_config("moves", path, options=Physics(preset="kilobot"), moves=moves)
+    assert method_config("moves", path, moves=moves, alone=True).moves == moves
