@@ -301,7 +301,10 @@ def test_bits_are_those_committed(kind, tmp_path, straight_policy, monkeypatch):
 
 @pytest.mark.parametrize(
     "kind",
-    [pytest.param(kind, marks=pytest.mark.slow) for kind in sorted(PRODUCERS)],
+    [
+        pytest.param(kind, marks=pytest.mark.long if kind == "worlds" else pytest.mark.slow)
+        for kind in sorted(PRODUCERS)
+    ],
 )
 def test_another_processor_gives_the_same_bits(kind):
     test = f"{__file__}::test_bits_are_those_committed[{kind}]"

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cosim.base.errors import visible
-from cosim.base.storage import replacing, write_json, write_whole
+from cosim.base.storage import replacing
 
 _GAP = 2  # between columns
 _WORD = re.compile(r"\[[^]]*\]|\S+")  # or an interval
@@ -117,12 +117,6 @@ def show_texts(
 
 def _cells(columns: Columns, rows: Iterable[Any]) -> Iterable[list[str]]:
     return ([column.text(row) for column in columns] for row in rows)
-
-
-def write_report(path: Path, report: Any, text: str) -> None:
-    """Write a report as JSON and its Markdown next to it, to a path with .json and with .md."""
-    write_json(path.with_suffix(".json"), report)
-    write_whole(path.with_suffix(".md"), text + "\n")
 
 
 def arrow_of(rows: Iterable[Mapping[str, Any]]) -> Any:

@@ -74,14 +74,16 @@ def _require_phases(name: str, track: SeenTrack) -> None:
     for gap in (LEAST_GAP_RAD_S, GOOD_GAP_RAD_S):
         share = lasting[(gaps < gap).any(axis=1)].sum() / driven_s
         if share > MOST_SHARE:
+            refused = gap == LEAST_GAP_RAD_S
             close = (
                 f"{name}: in {share:.0%} of the time that it drives, speeds of two motors differ "
-                f"by less than {gap:g} rad/s, and their phase decides the motion; "
-                "drive it with what --excite writes, or let one motor stand"
+                f"by less than {gap:g} rad/s, and their phase "
+                f"{'decides' if refused else 'is a part of'} the motion; drive it with what "
+                "--excite writes, or let one motor stand"
             )
-            if gap == LEAST_GAP_RAD_S:
+            if refused:
                 raise UserError(close)
-            _LOGGER.warning(close.replace("decides", "is a part of"))
+            _LOGGER.warning(close)
 
 
 def _agreements(track: SeenTrack, drive: Simulated) -> Iterator[tuple[str, float]]:
