@@ -16,8 +16,8 @@ from cosim.simulation.options import SimulationOptions
 PROGRAM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
-# The first robot is a cell from its target, and the second one drives for long; where the floor holds
-# it, it hardly moves, so that no time at which a busy machine looks at it hides its world.
+# The first robot is a cell from its target, and the second one drives for long; where the floor
+# holds it, it hardly moves, so that no time at which a busy machine looks at it hides its world.
 BOARD = Scenario("near", "", ((9, 20), (22, 13)), (((9, 21),), ((27, 4),)))
 PATCH = "[world]\nmu_patches = [{cells = [20, 0, 29, 12], mu = 0.9}]\n"
 # Keeps what the page tells its worker, and the texts and discs of the last picture of the board, in
