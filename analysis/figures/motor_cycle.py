@@ -17,7 +17,7 @@ from analysis.reading.findings import sliding
 from analysis.reading.results import recordings
 from cosim.base.colours import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
 from cosim.base.errors import UserError
-from cosim.physics.forces import MotorMount, motor_force
+from cosim.physics.forces import MotorMount, directions, motor_force
 from cosim.recording.reader import Episode, read_episode
 
 # A robot drives straight where its motors turn against each other, each within this share of the
@@ -136,7 +136,11 @@ def _driving_force(episode: Episode, *motion: np.ndarray) -> np.ndarray:
     m, r, inertia, g = (episode.parameter(name) for name in ("m", "r", "J", "g"))
     total = np.zeros(len(motion[0]))
     for motor, sin_phi in enumerate((1.0, -1.0)):
-        mount = MotorMount(m, r, inertia, g, 0.0, 0.0, 0.0, sin_phi)  # of whose force only x counts
+        # only the force along x counts
+        axis = (0.0, sin_phi, 0.0)
+        mount = MotorMount(
+            m, r, inertia, g, 0.0, 0.0, 0.0, 0.0, axis, *directions(axis), across=True
+        )
         states = zip(*(values[:, motor] for values in motion), strict=True)
         total += [motor_force(mount, *map(float, state))[0] for state in states]
     return total

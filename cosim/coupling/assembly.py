@@ -33,20 +33,30 @@ from cosim.physics.properties import body_params, properties_of
 from cosim.physics.rotation import Vector
 
 
-def new_plant(config: CoSimConfig, robots: int, *, end_on_collision: bool) -> Plant:
-    """Constants of the coupled system for episodes of some robots each."""
+def new_plant(
+    config: CoSimConfig,
+    robots: int,
+    *,
+    end_on_collision: bool,
+    motors: Sequence[MotorParams] | None = None,
+) -> Plant:
+    """Constants of the coupled system for episodes of some robots each.
+
+    Args:
+        motors: of a robot, by default those of the configuration.
+    """
     steering = config.steering
     if "heading" in config.open_loop:
         steering = steering._replace(max_difference_rad_s=0.0, turn_again_rad=math.inf)
     robot = config.robot
-    each = motors_of(robot, config.motor)
-    mounts = motor_mounts(robot, each)
-    motors = paired([mount.place_m[:2] for mount in robot.motors])
+    each = motors or motors_of(robot, config.motor)
+    mounts = motor_mounts(robot._replace(com_height_m=0.0), each)
+    pairing = paired([mount.place_m[:2] for mount in robot.motors])
     return Plant(
         robots=robots,
         body=body_params(config.robot, config.motor, config.timing.dt_s),
-        motors=motors,
-        mounts=tuple(mounts[k] for k in motors.order),
+        motors=pairing,
+        mounts=tuple(mounts[k] for k in pairing.order),
         steering=steering,
         estimator=config.estimator,
         shield=config.shield or SHIELD,

@@ -330,8 +330,7 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
 @inlined
 def _axis_velocity(plant: Plant, state: State, column: int) -> Vector:
     """Velocity of a robot's axis at the height of its centre of mass, world frame, m/s."""
-    contact = plant.body.contact
-    params = read_params(state.properties, column, _ONE, plant.body, contact.feet, contact.z)
+    params = read_params(state.properties, column, _ONE, plant.body)
     velocity = read_vector(state.bodies, V_X, column, _ONE)
     if params.off_axis:
         omega = read_vector(state.bodies, W_X, column, _ONE)

@@ -40,11 +40,10 @@ from cosim.physics.body_state import (
 )
 from cosim.physics.collision import PairParams, push_apart, push_off
 from cosim.physics.contact import Impulse, Pairing
-from cosim.physics.forces import MotorMount, Shaft, motor_wrenches
+from cosim.physics.forces import MotorMount, motor_wrenches, reaction_torque
 from cosim.physics.lanes import Width, any_lane, floor, load, select, store, width_of
 from cosim.physics.properties import BodyParams, read_mounts, read_params
-from cosim.physics.rotation import Vector, cross, dot, plus, rotation_matrix, to_body
-from cosim.physics.trig import sine_cosine
+from cosim.physics.rotation import Vector, dot, plus, rotation_matrix, to_body
 
 # Share of the squared friction limit from which a foot slides; the solver's projection rounds.
 AT_LIMIT = 1.0 - 1e-9
@@ -59,7 +58,8 @@ class Plant(NamedTuple):
     # equations of motion; what differs from robot to robot is in `State.properties`
     body: BodyParams
     motors: Pairing
-    mounts: tuple[MotorMount, ...]  # of the motors in the order of their pairing, likewise
+    # of the motors in the order of their pairing, likewise; z from the floor
+    mounts: tuple[MotorMount, ...]
     steering: SteeringParams  # gains and speeds
     estimator: EstimatorParams  # of every robot
     shield: ShieldParams  # distances that the shield keeps
@@ -148,7 +148,7 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
     outputs = _outputs(motors.order, state.outputs, state.held, column, share, step_s, width)
     mounts = read_mounts(state.properties, motors.order, column, width, plant.mounts)
     force, moment = motor_wrenches(motors.pairs, mounts, outputs)
-    params = read_params(state.properties, column, width, plant.body, contact.feet, contact.z)
+    params = read_params(state.properties, column, width, plant.body)
     order = contact.pairing.order
     before = read_body(state.bodies, column, width, order)
     body, unsolved = stepped(before, params, force, moment)
@@ -248,11 +248,10 @@ def _count_contact(state: State, column: int) -> None:
 def react(plant: Plant, state: State) -> None:
     """Put the torque that the body's acceleration exerts on each eccentric mass into input d.
 
-    With the mass at r (−sin φ sin θ, −cos θ) from the shaft, the torque −m a · ∂position/∂θ of the
-    acceleration a of the motor's mount, averaged over the communication step. Eq. (13) has only
-    the weight's, which is the same with a = (0, 0, g).
+    The torque −m a · ∂position/∂θ of the acceleration a of the motor's mount, averaged over the
+    communication step. Eq. (13) has only the weight's, which is the same with a = (0, 0, g).
     """
-    rate, contact = 1.0 / (plant.ticks_per_step * plant.body.dt), plant.body.contact
+    rate = 1.0 / (plant.ticks_per_step * plant.body.dt)
     for column in range(state.bodies.shape[1]):
         body, held = state.bodies[:, column], state.held_velocities[:, column]
         matrix = rotation_matrix(orientation_of(body))
@@ -262,7 +261,7 @@ def react(plant: Plant, state: State) -> None:
             (body[V_Z] - held[2]) * rate,
         )
         wx, wy, wz = body[W_X] - held[3], body[W_Y] - held[4], body[W_Z] - held[5]
-        params = read_params(state.properties, column, _ONE, plant.body, contact.feet, contact.z)
+        params = read_params(state.properties, column, _ONE, plant.body)
         spin = (wx, wy, wz)
         turn = (rate * wx, rate * wy, rate * wz)
         along = at_axis(to_body(matrix, change), turn, params)
@@ -270,30 +269,5 @@ def react(plant: Plant, state: State) -> None:
         mounts = read_mounts(state.properties, order, column, _ONE, plant.mounts)
         for k in range(len(order)):
             angle = state.outputs[order[k], column]
-            torque = _reaction(mounts[k], mounts[k].shaft, angle, along, spin, rate)
+            torque = reaction_torque(mounts[k], angle, along, spin, rate)
             state.inputs[2 * len(order) + order[k], column] = torque
-
-
-@unrolled
-def _reaction(
-    mount: MotorMount,
-    shaft: tuple[Shaft, ...],
-    theta: float,
-    along: Vector,
-    spin: Vector,
-    rate: float,
-) -> float:
-    """Torque in N m on an eccentric mass by the acceleration of its mount.
-
-    Args:
-        along: acceleration of the robot's axis, body frame, m/s².
-        spin: change of the angular velocity in 1/rate, body frame, rad/s.
-    """
-    s, c = sine_cosine(theta)
-    if len(shaft) == 0:
-        mount_x = along[0] + rate * (spin[1] * mount.z - spin[2] * mount.y)
-        mount_z = along[2] + rate * spin[0] * mount.y
-        return mount.m * mount.r * (mount.sin_phi * c * mount_x - s * mount_z)
-    own = shaft[0]
-    at_mount = plus(along, rate, cross(spin, (own.x, mount.y, mount.z)))
-    return mount.m * mount.r * (s * dot(at_mount, own.hanging) - c * dot(at_mount, own.ahead))

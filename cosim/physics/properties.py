@@ -29,7 +29,8 @@ CENTRE = 9
 GRAVITY = 11
 RESTITUTION = 14
 STEP_NORMAL, STEP_TANGENTIAL, SPIN_INERTIA, TOLERANCE, COMPLIANCE = 15, 16, 17, 18, 19
-MU = 20  # now under each of M feet
+FEET_Z = 20
+MU = 21  # now under each of M feet
 # After them: these where no patch is, then r and J of each motor.
 
 
@@ -103,7 +104,7 @@ def properties_of(params: BodyParams, mounts: Sequence[MotorMount]) -> np.ndarra
             *(*params.inertia, *params.inverse_inertia, params.product, params.inverse_product),
             *(*params.centre, *params.gravity, params.restitution),
             *(contact.step_normal, contact.step_tangential, contact.spin_inertia),
-            *(contact.tolerance, contact.compliance),
+            *(contact.tolerance, contact.compliance, contact.z),
             *(*mu, *mu),
             *(value for mount in mounts for value in (mount.r, mount.J)),
         ]
@@ -135,17 +136,12 @@ def gravity(tilt_deg: float, direction_deg: float, g: float) -> tuple[float, flo
 
 @inlined
 def read_params(
-    properties: np.ndarray,
-    column: int,
-    width: Width,
-    common: BodyParams,
-    feet: tuple[tuple[float, float], ...],
-    z: float,
+    properties: np.ndarray, column: int, width: Width, common: BodyParams
 ) -> BodyParams:
     """Constants of the robots from a column of properties on, one for every lane.
 
     Args:
-        feet, z: as in `ContactParams`.
+        common: has the time step, places of feet and the bound of sweeps.
     """
     x, y = load(properties, CENTRE, column, width), load(properties, CENTRE + 1, column, width)
     restitution = load(properties, RESTITUTION, column, width)
@@ -164,8 +160,8 @@ def read_params(
         common.inverse_dt,
         ContactParams(
             common.contact.pairing,
-            feet,
-            z,
+            common.contact.feet,
+            load(properties, FEET_Z, column, width),
             _read_rows(properties, MU, column, width, common.contact.pairing.order),
             load(properties, STEP_NORMAL, column, width),
             load(properties, STEP_TANGENTIAL, column, width),
@@ -196,9 +192,14 @@ def read_mounts(
     width: Width,
     common: tuple[MotorMount, ...],
 ) -> tuple[MotorMount, ...]:
-    """Motors, in an order, of the robots from a column on, with their own r and J."""
+    """Motors, in an order, of the robots from a column on, with their own r, J and z.
+
+    Args:
+        common: with z from the floor.
+    """
     first = properties.shape[0] - 2 * len(order)
-    return _read_mounts(properties, first, order, column, width, common)
+    z = load(properties, FEET_Z, column, width)
+    return _read_mounts(properties, first, order, column, width, common, z)
 
 
 @unrolled
@@ -209,14 +210,16 @@ def _read_mounts(
     column: int,
     width: Width,
     common: tuple[MotorMount, ...],
+    feet_z: float,
 ) -> tuple[MotorMount, ...]:
     if len(order) == 0:
         return ()
     row, mount = first + 2 * order[0], common[0]
     r, inertia = load(properties, row, column, width), load(properties, row + 1, column, width)
-    m, _, _, g, weight, y, z, sin_phi, shaft = mount
-    own = MotorMount(m, r, inertia, g, weight, y, z, sin_phi, shaft)
-    return (own, *_read_mounts(properties, first, order[1:], column, width, common[1:]))
+    m, _, _, g, weight, x, y, height, axis, hanging, ahead, across = mount
+    z = height + feet_z
+    own = MotorMount(m, r, inertia, g, weight, x, y, z, axis, hanging, ahead, across)
+    return (own, *_read_mounts(properties, first, order[1:], column, width, common[1:], feet_z))
 
 
 @inlined
@@ -230,7 +233,7 @@ def feel_patches(
             earlier ones.
     """
     axes = rotation_matrix(orientation_of(bodies[:, column]))
-    feet, order, z = common.contact.feet, common.contact.pairing.order, common.contact.z
+    feet, order, z = common.contact.feet, common.contact.pairing.order, properties[FEET_Z, column]
     for k in range(len(feet)):
         x, y = feet[k]
         arm = (x, y, z)

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from cosim.base.jit import kernel
-from cosim.machine.identification.simulated import Machine, turned
+from cosim.machine.identification.simulated import Machine
 from cosim.model.params import MotorParams, RobotParams, cylinder_inertia
 from cosim.physics.contact import foot_positions
-from cosim.physics.forces import MotorMount, motor_mounts, motor_wrenches
+from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.lanes import width_of
-from cosim.physics.properties import BodyParams, body_params
 from cosim.physics.rotation import headings
 
 # A foot is a ball so small that its rolling does not count (0.1 mm; feet stand 23 mm apart).
@@ -91,12 +90,10 @@ def mujoco_track(
     data, kind = mujoco.MjData(model), mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data, state, kind)
-    mounts, body = motor_mounts(robot, motors), body_params(robot, motors[0], dt_s)
-    order, speeds = tuple(range(len(motors))), omega[:, :, None]
-    turning = np.concatenate([np.zeros_like(speeds[0]), speeds[0]])
+    mounts, angles = motor_mounts(robot, motors), np.zeros(len(motors))
     poses, wrenches = [state[1:8]], np.empty((every * ticks, 6))
     for first in range(0, len(omega) - every, every):
-        _fill(mounts, body, order, speeds[first : first + every + 1], turning, wrenches)
+        _fill(mounts, omega[first : first + every + 1], dt_s, angles, wrenches)
         states, _ = rollout.rollout(model, data, state[None], wrenches[None])
         state = np.asarray(states)[0, -1]
         # Full physics state: time, position, quaternion, velocities.
@@ -108,21 +105,21 @@ def mujoco_track(
 @kernel
 def _fill(
     mounts: tuple[MotorMount, ...],
-    body: BodyParams,
-    order: tuple[int, ...],
     omega: np.ndarray,
-    turning: np.ndarray,
+    dt_s: float,
+    angles: np.ndarray,
     wrenches: np.ndarray,
 ) -> None:
-    """Write force and moment of every tick of some periods, (ticks, 6)."""
-    count, periods = len(mounts), omega.shape[0] - 1
-    ticks = len(wrenches) // periods
+    """Write force and moment of every tick of some periods, (ticks, 6); turn the motors' angles."""
+    wrenches[:] = 0.0
+    ticks = len(wrenches) // (len(omega) - 1)
     for k in range(len(wrenches)):
-        start, end = omega[k // ticks], omega[k // ticks + 1]
-        outputs = turned(turning, start, end, order, 0, _ONE, ticks, body)
-        force, moment = motor_wrenches((), mounts, outputs)
-        for axis in range(3):
-            wrenches[k, axis], wrenches[k, 3 + axis] = force[axis], moment[axis]
-        if (k + 1) % ticks == 0:
-            for motor in range(count):
-                turning[count + motor, 0] = end[motor, 0]
+        start, end, share = omega[k // ticks], omega[k // ticks + 1], (k % ticks + 1) / ticks
+        for motor in range(len(mounts)):
+            change = (end[motor] - start[motor]) / ticks
+            speed = start[motor] + share * (end[motor] - start[motor])
+            angles[motor] += dt_s * (speed - 0.5 * change)
+            force, moment = motor_wrench(mounts[motor], angles[motor], speed, change / dt_s)
+            for axis in range(3):
+                wrenches[k, axis] += force[axis]
+                wrenches[k, 3 + axis] += moment[axis]

@@ -75,8 +75,8 @@ def drive_wrench(rig: Rig, drive: Drive, tick: int) -> tuple[Vector, Vector]:
     """Force in N and moment in N m of both motors at time tick·dt, body frame, centre of mass."""
     t = tick * rig.body.dt
     d, e = rig.mounts
-    f, m = motor_wrench(d, d.shaft, drive.theta_d + drive.omega_d * t, drive.omega_d, 0.0)
-    g, n = motor_wrench(e, e.shaft, drive.theta_e + drive.omega_e * t, drive.omega_e, 0.0)
+    f, m = motor_wrench(d, drive.theta_d + drive.omega_d * t, drive.omega_d, 0.0)
+    g, n = motor_wrench(e, drive.theta_e + drive.omega_e * t, drive.omega_e, 0.0)
     return plus(f, 1.0, g), plus(m, 1.0, n)
 
 
@@ -155,7 +155,7 @@ def turning(
     mounts = motor_mounts(robot, motors_of(robot, motor))
     for mount, (omega, theta) in zip(mounts, drive, strict=True):
         down, ahead, up = (
-            np.concatenate(motor_wrench(mount, mount.shaft, quarter * math.pi / 2.0, omega, 0.0))
+            np.concatenate(motor_wrench(mount, quarter * math.pi / 2.0, omega, 0.0))
             for quarter in range(3)
         )
         mean, angles = 0.5 * (down + up), theta + omega * time_s

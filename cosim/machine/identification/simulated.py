@@ -1,7 +1,8 @@
 """Identified parameters, and simulations of a drive with many sets of them at once.
 
-The equations of motion are those of `cosim.physics`; every robot has a lane of a vector, and in it
-a mass, feet and motors of its own. Only their numbers, and the places of motors, are common.
+Robots move by the plant's own ticks, with motors that turn as prescribed; every robot has a lane
+of a vector, and in it a mass, friction and unbalances of its own. Feet and motors are at the same
+places.
 """
 
 import math
@@ -14,43 +15,29 @@ from typing import NamedTuple
 import numpy as np
 
 from cosim.base.errors import UserError
-from cosim.base.jit import inlined, kernel, unrolled
+from cosim.base.jit import inlined, kernel
 from cosim.calibration.trial import Trial
+from cosim.coupling.assembly import new_plant
+from cosim.coupling.plant import Plant, step_robots
+from cosim.coupling.signals import State, columns_of, new_state
 from cosim.fmi.motor import MotorFmu
 from cosim.machine.identification.track import SeenTrack
-from cosim.model.config import CoSimConfig
+from cosim.model.config import CoSimConfig, not_calibrated, tree_of
 from cosim.model.params import (
     TABLE_I,
     TABLE_II,
+    TIMING,
     MotorParams,
     RobotParams,
     motor_names,
     motors_of,
 )
 from cosim.model.world import IDEAL, World
-from cosim.physics.body import stepped
-from cosim.physics.body_state import (
-    X,
-    Y,
-    is_upright,
-    orientation_of,
-    read_body,
-    standing_state,
-    state_size,
-    write_body,
-)
-from cosim.physics.contact import Pairing, paired
-from cosim.physics.forces import MotorMount, motor_mounts, motor_wrenches
-from cosim.physics.lanes import Width, host_lanes, load, store, width_of
-from cosim.physics.properties import (
-    BodyParams,
-    body_params,
-    properties_of,
-    properties_size,
-    read_mounts,
-    read_params,
-)
-from cosim.physics.rotation import Vector, heading
+from cosim.physics.body_state import X, Y, is_upright, orientation_of, standing_state
+from cosim.physics.forces import motor_mounts
+from cosim.physics.lanes import Width, host_lanes, width_of
+from cosim.physics.properties import body_params, properties_of
+from cosim.physics.rotation import heading
 
 FAR_M = 1e4  # place of a simulated robot that has fallen: no fit is there
 LOOKS_S = 0.005  # between simulated poses, which are interpolated
@@ -286,7 +273,7 @@ def tracks(
     Motors turn as prescribed, so that no FMU is stepped: they do not feel the bodies.
 
     Args:
-        machines: B of them, each in a lane of a vector, with motors at the same places.
+        machines: B of them, each in a lane of a vector, with motors and feet at the same places.
         omega: (P + 1, M) or (P + 1, M, B) speeds of motors at the ends of control periods in rad/s,
             linear in between; motors start hanging down.
         every: control periods from one look to the next.
@@ -296,36 +283,24 @@ def tracks(
         (P // every + 1, B, 3) x and y of the robot's axis in m, and the heading in rad, continuous;
         NaN from when on a robot does not stand any more.
     """
-    lanes = host_lanes()
-    columns = -(-len(machines) // lanes) * lanes
-    padded = [*machines, *[machines[0]] * (columns - len(machines))]
-    robot, motors = machines[0]
-    feet, count = len(robot.feet), len(robot.motors)
-    own = np.zeros((len(omega), count, columns))
-    own[:, :, : len(machines)] = omega.reshape(*omega.shape[:2], -1)
-    own[:, :, len(machines) :] = own[:, :, :1]
-    bodies, properties = (
-        np.zeros((state_size(feet), columns)),
-        np.zeros((properties_size(feet, count), columns)),
-    )
-    shapes = np.zeros((1 + 2 * feet, columns))
-    for column, other in enumerate(padded):
-        params = body_params(other.robot, other.motors[0], dt_s, world=world)
-        properties[:, column] = properties_of(params, motor_mounts(*other))
-        shapes[:, column] = params.contact.z, *np.ravel(params.contact.feet)
-        bodies[:, column] = standing_state(other.robot, 0.0, 0.0, 0.0)
+    lanes, (robot, motors), period_s = host_lanes(), machines[0], ticks * dt_s
+    clock = TIMING._replace(dt_s=dt_s, communication_step_s=period_s, control_period_s=period_s)
+    given = tree_of("", robot=robot, motor=motors[0], timing=clock, world=world)
+    config = CoSimConfig().merged(not_calibrated(len(motors)), given)
+    plant = new_plant(config, 1, end_on_collision=False, motors=motors)
+    columns = columns_of(len(machines), lanes)
+    state = new_state(len(machines), 1, columns, len(motors), len(robot.feet))
+    turning = np.empty((len(omega), len(motors), columns))
+    turning[:] = (own := omega.reshape(*omega.shape[:2], -1))[:, :, :1]
+    turning[:, :, : len(machines)] = own
+    state.outputs[len(motors) : 2 * len(motors)] = turning[0]
+    for column in range(columns):
+        one = machines[column if column < len(machines) else 0]
+        params = body_params(one.robot, one.motors[0], dt_s, world=world)
+        state.properties[:, column] = properties_of(params, motor_mounts(*one))
+        state.bodies[:, column] = standing_state(one.robot, 0.0, 0.0, 0.0)
     seen = np.zeros((1 + (len(omega) - 1) // every, columns, 3))
-    common, pairing = (
-        body_params(robot, motors[0], dt_s),
-        paired([mount.place_m[:2] for mount in robot.motors]),
-    )
-    mounts = motor_mounts(robot._replace(com_height_m=0.0), motors)
-    mounts = tuple(mounts[k] for k in pairing.order)
-    turning = np.concatenate([np.zeros((count, columns)), own[0]])
-    _drive(
-        bodies, properties, shapes, common, pairing, mounts, own, turning, ticks, seen, every,
-        width_of(lanes),
-    )  # fmt: skip
+    _drive(plant, state, turning, seen, every, width_of(lanes))
     seen = seen[:, : len(machines)]
     seen[..., 2] = np.unwrap(seen[..., 2], axis=0)
     return seen
@@ -333,93 +308,39 @@ def tracks(
 
 @kernel
 def _drive(
-    bodies: np.ndarray,
-    properties: np.ndarray,
-    shapes: np.ndarray,
-    body: BodyParams,
-    motors: Pairing,
-    mounts: tuple[MotorMount, ...],
-    omega: np.ndarray,
-    turning: np.ndarray,
-    ticks: int,
-    seen: np.ndarray,
-    every: int,
-    width: Width,
+    plant: Plant, state: State, omega: np.ndarray, seen: np.ndarray, every: int, width: Width
 ) -> None:
-    """Advance all robots; the arguments of `tracks`, as arrays.
+    """Advance all robots, motors as prescribed.
 
     Args:
-        shapes: (1 + 2 F, B) z of the feet from the height of the centre of mass, and their x and y
-            in the order of their pairing, m.
-        mounts: in the order of their pairing, with z from the floor.
-        omega: (P + 1, M, B).
-        turning: (2 M, B) angles and speeds, overwritten.
+        omega: (P + 1, M, B), see `tracks`.
         seen: (P // every + 1, B, 3), overwritten from the second row on.
     """
-    order, count = body.contact.pairing.order, omega.shape[1]
-    for first in range(0, bodies.shape[1], len(width)):
-        z, feet = load(shapes, 0, first, width), _feet(shapes, 1, first, width, order)
-        params = read_params(properties, first, width, body, feet, z)
-        own = read_mounts(properties, motors.order, first, width, _from_centre(mounts, z))
+    for first in range(0, state.bodies.shape[1], len(width)):
         for period in range(omega.shape[0] - 1):
-            start, end = omega[period], omega[period + 1]
-            for _ in range(ticks):
-                outputs = turned(turning, start, end, motors.order, first, width, ticks, body)
-                force, moment = motor_wrenches(motors.pairs, own, outputs)
-                before = read_body(bodies, first, width, order)
-                after, _ = stepped(before, params, force, moment)
-                write_body(bodies, first, width, order, after)
             for column in range(first, first + len(width)):
-                for motor in range(count):
-                    turning[count + motor, column] = end[motor, column]
+                for motor in range(omega.shape[1]):
+                    start, end = omega[period, motor, column], omega[period + 1, motor, column]
+                    _turn(plant, state, motor, column, start, end)
+            for tick in range(plant.ticks_per_step):
+                step_robots(plant, state, first, tick, width)
+            for column in range(first, first + len(width)):
                 if (period + 1) % every == 0:
                     row = (period + 1) // every
-                    _observe(bodies[:, column], seen[row, column], seen[row - 1, column])
+                    _observe(state.bodies[:, column], seen[row, column], seen[row - 1, column])
 
 
-@unrolled
-def _feet(
-    shapes: np.ndarray, row: int, column: int, width: Width, order: tuple[int, ...]
-) -> tuple[tuple[float, float], ...]:
-    if len(order) == 0:
-        return ()
-    foot = load(shapes, row, column, width), load(shapes, row + 1, column, width)
-    return (foot, *_feet(shapes, row + 2, column, width, order[1:]))
-
-
-@unrolled
-def _from_centre(mounts: tuple[MotorMount, ...], z: float) -> tuple[MotorMount, ...]:
-    """Mounts with z from a centre of mass, below which the floor is at z."""
-    if len(mounts) == 0:
-        return ()
-    m, r, inertia, g, weight, y, height, sin_phi, shaft = mounts[0]
-    mount = MotorMount(m, r, inertia, g, weight, y, height + z, sin_phi, shaft)
-    return (mount, *_from_centre(mounts[1:], z))
-
-
-@unrolled
-def turned(
-    turning: np.ndarray,
-    start: np.ndarray,
-    end: np.ndarray,
-    order: tuple[int, ...],
-    column: int,
-    width: Width,
-    ticks: int,
-    body: BodyParams,
-) -> tuple[Vector, ...]:
-    """Turn motors by one of the ticks between two speeds (M, B); output (θ, ω, ω̇) of each."""
-    if len(order) == 0:
-        return ()
-    row, speed = order[0], order[0] + len(start)
-    change = load(end, row, column, width) - load(start, row, column, width)
-    change = 1.0 / ticks * change
-    omega = load(turning, speed, column, width) + change
-    theta = load(turning, row, column, width) + body.dt * (omega - 0.5 * change)
-    store(turning, row, column, width, theta)
-    store(turning, speed, column, width, omega)
-    output = theta, omega, body.inverse_dt * change
-    return (output, *turned(turning, start, end, order[1:], column, width, ticks, body))
+@inlined
+def _turn(plant: Plant, state: State, motor: int, column: int, start: float, end: float) -> None:
+    """Turn a motor by a communication step in which its speed changes evenly, as an FMU would."""
+    step_s, motors, held, outputs = (
+        plant.ticks_per_step * plant.body.dt, len(plant.mounts), state.held, state.outputs,
+    )  # fmt: skip
+    theta, speed, rate = motor, motors + motor, 2 * motors + motor
+    held[theta, column], held[speed, column] = outputs[theta, column], start
+    outputs[theta, column] += 0.5 * step_s * (start + end)
+    outputs[speed, column] = end
+    held[rate, column] = outputs[rate, column] = (end - start) / step_s
 
 
 @inlined

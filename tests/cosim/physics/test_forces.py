@@ -24,7 +24,7 @@ def newton(mount, theta, omega, omega_dot):
     """
 
     def position(angle):
-        return np.array([-mount.r * math.sin(angle) * mount.sin_phi, -mount.r * math.cos(angle)])
+        return np.array([-mount.r * math.sin(angle) * mount.axis[1], -mount.r * math.cos(angle)])
 
     h = 1e-3
     first = (position(theta + h) - position(theta - h)) / (2.0 * h)
@@ -54,9 +54,9 @@ def test_eq_1_is_eq_3_at_constant_speed(theta, omega):
 def test_stator_feels_the_reaction_of_the_rotor(mount):
     """Held horizontally the mass pulls with m g r; speeding up takes J ω̇; the stator has −both."""
     _, _, held = motor_force(mount, math.pi / 2.0, 0.0, 0.0)
-    assert held * mount.sin_phi == pytest.approx(-mount.m * mount.g * mount.r)
+    assert held * mount.axis[1] == pytest.approx(-mount.m * mount.g * mount.r)
     _, _, speeding = motor_force(mount, 0.0, 0.0, 1e4)
-    assert speeding * mount.sin_phi == pytest.approx(-mount.J * 1e4)
+    assert speeding * mount.axis[1] == pytest.approx(-mount.J * 1e4)
 
 
 @pytest.mark.parametrize("mount", [D, E], ids="DE")
@@ -65,7 +65,7 @@ def test_wrench_is_force_at_the_mount_plus_moment(mount, theta, omega, omega_dot
     f_x, f_z, n_y = motor_force(mount, theta, omega, omega_dot)
     moment = np.cross([0.0, mount.y, mount.z], [f_x, 0.0, f_z])
     moment[1] += n_y
-    force, found = motor_wrench(mount, mount.shaft, theta, omega, omega_dot)
+    force, found = motor_wrench(mount, theta, omega, omega_dot)
     np.testing.assert_allclose(force, [f_x, 0.0, f_z], rtol=1e-12, atol=1e-18)
     np.testing.assert_allclose(found, moment, rtol=1e-12, atol=1e-18)
 
@@ -73,12 +73,20 @@ def test_wrench_is_force_at_the_mount_plus_moment(mount, theta, omega, omega_dot
 @given(theta=angles, omega=speeds, omega_dot=accelerations)
 def test_mirror_image_in_every_bit(theta, omega, omega_dot):
     """E turning backwards is the mirror image (y → −y) of D: X, Z and Y moments equal."""
-    force, (t_x, t_y, t_z) = motor_wrench(D, (), theta, omega, omega_dot)
-    mirrored = motor_wrench(E, (), -theta, -omega, -omega_dot)
+    force, (t_x, t_y, t_z) = motor_wrench(D, theta, omega, omega_dot)
+    mirrored = motor_wrench(E, -theta, -omega, -omega_dot)
     assert mirrored == (force, (-t_x, t_y, -t_z))
 
 
 def test_mounts_stand_where_fig_4_puts_them():
-    assert (D.y, D.sin_phi) == (0.0225, 1.0)
-    assert (E.y, E.sin_phi) == (-0.0225, -1.0)
+    assert (D.y, D.axis[1]) == (0.0225, 1.0)
+    assert (E.y, E.axis[1]) == (-0.0225, -1.0)
     assert D.z == E.z == 0.003 - TABLE_I.com_height_m
+
+
+@given(theta=angles, omega=speeds, omega_dot=accelerations)
+def test_shafts_across_the_body_are_those_of_any_direction(theta, omega, omega_dot):
+    for mount in (D, E):
+        usual = motor_wrench(mount, theta, omega, omega_dot)
+        found = motor_wrench(mount._replace(across=False), theta, omega, omega_dot)
+        np.testing.assert_allclose(found, usual, rtol=1e-12, atol=1e-15)

@@ -87,7 +87,7 @@ AXES = [(0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.48, -0.6, 0.64)]
 def test_forces_are_those_of_a_mass_on_a_circle(axis, included):
     """The acceleration of a point mass by finite differences, and the rotor's torque balance."""
     mount = Mount((0.006, -0.01, 0.004), axis)
-    # x = 0.006 keeps the shaft along y from the kernel of Fig. 4b
+    # x = 0.006 keeps the shaft along y from the formula of Fig. 4b
     robot = TABLE_I._replace(motors=(mount,), masses_included=included)
     (found,) = motor_mounts(robot, motors_of(robot, TABLE_II))
     hanging, ahead = map(np.array, directions(axis))
@@ -106,7 +106,7 @@ def test_forces_are_those_of_a_mass_on_a_circle(axis, included):
     gravity_torque = np.cross(place(0.0), weight) @ axis
     reaction = -(TABLE_II.J * omega_dot - gravity_torque) * np.array(axis)
     moment = np.cross(lever, expected) + reaction
-    force, twist = motor_wrench(found, found.shaft, theta, omega, omega_dot)
+    force, twist = motor_wrench(found, theta, omega, omega_dot)
     np.testing.assert_allclose(force, expected, rtol=2e-4, atol=2e-5)
     np.testing.assert_allclose(twist, moment, rtol=2e-4, atol=1e-6)
 
@@ -130,7 +130,7 @@ def test_over_a_turn_motors_give_no_momentum(axes, omega):
     found = motor_mounts(robot, motors_of(robot, TABLE_II))
     angles = (2.0 * np.pi * np.arange(16) / 16).tolist()
     wrenches = np.array(
-        [[motor_wrench(own, own.shaft, angle, omega, 0.0) for own in found] for angle in angles]
+        [[motor_wrench(own, angle, omega, 0.0) for own in found] for angle in angles]
     )
     force, moment = wrenches.mean(axis=0).sum(axis=0)
     largest = len(mounts) * TABLE_II.m * TABLE_II.r * omega**2 + 1e-3
