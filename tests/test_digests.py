@@ -1,8 +1,8 @@
 """Bits that a restructuring must not change: policies, moves, episodes and recordings, as hashes.
 
 The expected hashes stand in `digests.json` next to this file, by what they are of, and with the
-versions of what produced them. They hold on every machine. Where bits are meant to change, say so
-in CHANGELOG, raise `VERSION` of each producer that they come from, so that stored results with the
+versions of what produced them. They hold on every machine. A hash says only that bits changed; the
+places where robots end say how far. Where bits are meant to change, say so in CHANGELOG, raise `VERSION` of each producer that they come from, so that stored results with the
 old bits are computed again, and write the file with
 `DIGESTS=write uv run --group test pytest -n 0 tests/test_digests.py`.
 """
@@ -78,6 +78,7 @@ LEARNERS = {
     "4": ("4", "paper"),
     "4 double Q": ("4", "double_q"),
 }
+END = "end of "  # before the name of an episode: places x, y, z in m where its robots end
 CONFIG = CoSimConfig()
 # Two robots that meet within 3 s, and two that come to a wall.
 MEETING = Scenario("meeting", "", ((15, 5), (15, 24)), (((15, 18),), ((15, 12),)))
@@ -188,17 +189,20 @@ def _of_recording(folder: Path, policy: Policy) -> Iterator[tuple[str, str]]:
 def _traced(tasks: Mapping[str, Task]) -> Iterator[tuple[str, str]]:
     """Simulate episodes together: what becomes of each, and all that is sampled on the way."""
     traces: dict[str, list[Any]] = {name: [] for name in tasks}
+    ends: dict[str, str] = {}
 
     def watched(name: str) -> Task:
         def watch(step: Step, _episode: RunningEpisode, _wall_s: float) -> None:
             traces[name] += [step.action, step.decided, step.completed, step.events]
             traces[name] += [np.asarray(signal) for signal in step.samples]
+            ends[name] = " ".join(f"{x:.9f}" for x in step.samples.position[-1].flat)
 
         return replace(tasks[name], watch=watch)
 
     results = dict(simulate_tasks([watched(name) for name in tasks], 1))
     for number, name in enumerate(tasks):
         yield name, _digest(_of_result(results[number]), *traces[name])
+        yield f"{END}{name}", ends[name]
 
 
 def _of_worlds(straight: Callable[..., SupportsAct]) -> Iterator[tuple[str, str]]:
@@ -214,10 +218,10 @@ def _of_worlds(straight: Callable[..., SupportsAct]) -> Iterator[tuple[str, str]
         tasks[f"{name}: wall"] = task(WALL, 3.0, WORLDS["patches"], **options)
         yield from _traced(tasks)
         alone = f"{name}: all"
-        yield from ((f"{alone}, alone", d) for _, d in _traced({alone: tasks[alone]}))
+        yield from _traced({f"{alone}, alone": tasks[alone]})
     for name in ("plain", "shield"):
-        tasks = {name: task(CROSSING, 3.0, WORLDS["camera"], **OPTIONS[name])}
-        yield from ((f"four robots, {name}", d) for _, d in _traced(tasks))
+        four = task(CROSSING, 3.0, WORLDS["camera"], **OPTIONS[name])
+        yield from _traced({f"four robots, {name}": four})
     short = CONFIG.timing._replace(rl_step_s=0.01)
     for driver in DRIVERS:
         one = replace(task(MEETING, 0.01, WORLDS["unequal motors"], timing=short), driver=driver)
@@ -265,17 +269,29 @@ def _of_studies() -> Iterator[tuple[str, str]]:
     yield "summary", _digest(kept)
 
 
+def _moved(found: dict[str, str], known: dict[str, str]) -> str:
+    """Say by how much ends differ that both have, in µm."""
+    far = {}
+    for name in found.keys() & known.keys():
+        if name.startswith(END):
+            one, other = (np.array(of[name].split(), dtype=float) for of in (found, known))
+            far[name] = np.abs(one - other).max()
+    worst = max(far, key=far.__getitem__, default=None)
+    return f"; at most {1e6 * far[worst]:.3g} µm, at the {worst}" if worst else ""
+
+
 def check(kind: str, found: dict[str, str], file: Path) -> None:
     """Compare hashes with those in a file; write them instead if `DIGESTS` says so."""
     expected = json.loads(file.read_text("utf-8"))
     versions = {name: import_module(name).VERSION for name in PRODUCERS[kind]}
     known = expected["versions"].get(kind)
-    differing = [name for name in found if found[name] != expected.get(kind, {}).get(name)]
+    of_kind = expected.get(kind, {})
+    differing = [name for name in found if found[name] != of_kind.get(name, found[name])]
     if differing and versions == known:
         producers = " or ".join(PRODUCERS[kind])
         pytest.fail(
-            f"bits changed ({', '.join(differing)}): raise VERSION of {producers} "
-            "and write the digests again"
+            f"bits changed ({', '.join(differing)}{_moved(found, of_kind)}): raise VERSION of "
+            f"{producers} and write the digests again"
         )
     if os.environ.get("DIGESTS") == "write":
         expected[kind], expected["versions"][kind] = found, versions

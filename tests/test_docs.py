@@ -3,6 +3,7 @@
 import json
 import re
 import runpy
+from itertools import pairwise
 from pathlib import Path
 
 import gymnasium
@@ -70,6 +71,24 @@ def test_the_page_of_the_paper_leaves_nothing_out():
     assert {*re.findall(r"`(fig\d+)`", figures)} == {
         name for name in figure_entries() if name[3:].isdigit()
     }
+
+
+def test_files_of_each_walk_import_each_other():
+    page = _page("architecture")
+    section = page[page.index("## Walks") : page.index("## Decisions")]
+    for row in re.findall(r"^\| .*\.py.*$", section, re.M):
+        walk: list[str] = []
+        for folder, names in re.findall(r"`([\w/]+/)(\w+|{[\w,]+})\.py`", row):
+            walk += [folder + name for name in names.strip("{}").split(",")]
+        assert f"({len(walk)} files)" in row
+        for one, other in pairwise(walk):
+            assert _imports(one, other) or _imports(other, one), f"{one} and {other}"
+
+
+def _imports(one: str, other: str) -> bool:
+    package, _, name = other.replace("/", ".").rpartition(".")
+    text = (ROOT / f"{one}.py").read_text("utf-8")
+    return bool(re.search(rf"from {package}(\.{name} import| import .*\b{name}\b)", text))
 
 
 def test_fig07_prints_what_the_pages_insert(motor_fmu, tmp_path):
