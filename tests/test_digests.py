@@ -2,8 +2,9 @@
 
 The expected hashes stand in `digests.json` next to this file, by what they are of, and with the
 versions of what produced them. They hold on every machine. A hash says only that bits changed; the
-places where robots end say how far. Where bits are meant to change, say so in CHANGELOG, raise `VERSION` of each producer that they come from, so that stored results with the
-old bits are computed again, and write the file with
+places where robots end say how far. Where bits are meant to change, say so in CHANGELOG, raise
+`VERSION` of each producer that they come from, so that stored results with the old bits are
+computed again, and write the file with
 `DIGESTS=write uv run --group test pytest -n 0 tests/test_digests.py`.
 """
 

@@ -5,7 +5,9 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import nbformat
 import pytest
@@ -13,9 +15,13 @@ from nbclient import NotebookClient
 from pyarrow import parquet
 
 import agent
+import minirobots as mr
 from agent.study.store import FILE, export
 from analysis.motor.step_test import LOOPS
 from analysis.reading.motor_test import read
+from cosim.model.preset import find_preset
+from cosim.model.scenario_file import find_in_world
+from docs.examples import assumptions
 
 DOCS = Path(__file__).parents[1] / "docs"
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
@@ -94,6 +100,33 @@ def test_examples_of_docstrings_hold(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = doctest.testmod(agent)
     assert (found.failed, found.attempted) == (0, 9)
+
+
+@pytest.mark.long
+def test_assumptions_are_varied_one_at_a_time(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["assumptions", "--episodes", "1"])
+    monkeypatch.setattr(assumptions, "OPTIONS", {"noise": [0.1]})
+    monkeypatch.setattr(assumptions, "WORLD", {})
+    monkeypatch.setattr(assumptions, "MACHINE", {"com_height_m": [0.01]})
+    assumptions.main()
+    rows = [line for line in capsys.readouterr().out.splitlines() if "| paper " in line]
+    assert len(rows) == 2
+    varied = find_preset("runs/assumptions/com_height_m-0.01.toml").config()
+    usual = find_preset("paper").config()
+    assert varied.robot == usual.robot._replace(com_height_m=0.01)
+
+
+@pytest.mark.parametrize("path", sorted((DOCS / "examples").glob("*.toml")), ids=lambda p: p.stem)
+def test_a_file_of_the_examples_is_one_of_an_episode(path):
+    """A scenario, or a world: robots drive for one RL step."""
+    of_board = tomllib.loads(path.read_text("utf-8")).keys() != {"world"}
+    board, world = find_in_world(path if of_board else "2", None if of_board else path)
+    straight = SimpleNamespace(act=lambda seen: [2] * len(seen.cells))
+    options = {"record": "summary", "progress": None, "time_limit": 2.0}
+    episode = mr.simulate(board, straight, world=world, **options)
+    assert episode.outcome in ("timeout", "out_of_board")
+    assert len(episode.signals["/sim/r1/position"].values) > 0
 
 
 @pytest.mark.long

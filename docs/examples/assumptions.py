@@ -30,7 +30,7 @@ def main() -> None:
         for value in values:
             presets.append(given.out / f"{name}-{value}.toml")
             presets[-1].parent.mkdir(parents=True, exist_ok=True)
-            paper._replace(tree={name: (value, "varied")}).save(presets[-1])
+            paper._replace(tree={**paper.tree, name: (value, "varied")}).save(presets[-1])
         studies.append({"preset": [str(path) for path in presets]})
     for axis in studies:
         out = given.out / next(iter(axis))
