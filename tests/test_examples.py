@@ -7,9 +7,9 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from types import SimpleNamespace
 
 import nbformat
+import numpy as np
 import pytest
 from nbclient import NotebookClient
 from pyarrow import parquet
@@ -21,6 +21,7 @@ from analysis.motor.step_test import LOOPS
 from analysis.reading.motor_test import read
 from cosim.model.preset import find_preset
 from cosim.model.scenario_file import find_in_world
+from cosim.onboard.features import Observation
 from docs.examples import assumptions
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -117,14 +118,18 @@ def test_assumptions_are_varied_one_at_a_time(tmp_path, monkeypatch, capsys):
     assert varied.robot == usual.robot._replace(com_height_m=0.01)
 
 
+class _North:
+    def act(self, observation: Observation) -> np.ndarray:
+        return np.full(len(observation.cells), 2)
+
+
 @pytest.mark.parametrize("path", sorted((DOCS / "examples").glob("*.toml")), ids=lambda p: p.stem)
 def test_a_file_of_the_examples_is_one_of_an_episode(path):
     """A scenario, or a world: robots drive for one RL step."""
     of_board = tomllib.loads(path.read_text("utf-8")).keys() != {"world"}
     board, world = find_in_world(path if of_board else "2", None if of_board else path)
-    straight = SimpleNamespace(act=lambda seen: [2] * len(seen.cells))
     options = {"record": "summary", "progress": None, "time_limit": 2.0}
-    episode = mr.simulate(board, straight, world=world, **options)
+    episode = mr.simulate(board, _North(), world=world, **options)
     assert episode.outcome in ("timeout", "out_of_board")
     assert len(episode.signals["/sim/r1/position"].values) > 0
 

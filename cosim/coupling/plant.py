@@ -154,7 +154,9 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
     body, unsolved = stepped(before, params, force, moment)
     write_body(state.bodies, column, width, order, body)
     statistics = state.statistics
-    lifted = _watch_feet(statistics, order, column, width, before.at, body.at, params.contact.mu)
+    lifted = _watch_feet(
+        statistics, order, column, width, before.impulses, body.impulses, params.contact.mu
+    )
     _count(statistics, LIFTED, column, width, lifted > 0.0)
     _count(statistics, AIRBORNE, column, width, lifted > len(order) - 0.5)
     _count(statistics, UNSOLVED, column, width, unsolved)
@@ -170,14 +172,16 @@ def _watch_feet(
     column: int,
     width: Width,
     before: tuple[Impulse, ...],
-    at: tuple[Impulse, ...],
+    impulses: tuple[Impulse, ...],
     mu: tuple[float, ...],
 ) -> float:
     """Note the impulses of feet, of the last tick and of this one; how many carry nothing."""
     if len(order) == 0:
         return 0.0
-    lifted = _watch_foot(statistics, order[0], column, width, before[0], at[0], mu[0])
-    return lifted + _watch_feet(statistics, order[1:], column, width, before[1:], at[1:], mu[1:])
+    lifted = _watch_foot(statistics, order[0], column, width, before[0], impulses[0], mu[0])
+    return lifted + _watch_feet(
+        statistics, order[1:], column, width, before[1:], impulses[1:], mu[1:]
+    )
 
 
 @inlined

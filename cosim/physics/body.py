@@ -101,11 +101,15 @@ def _turned(omega: Vector, dt: float, moment: Vector, params: BodyParams) -> Vec
 
 @inlined
 def with_impulses(
-    velocity: Vector, omega: Vector, params: BodyParams, normal: Vector, at: tuple[Impulse, ...]
+    velocity: Vector,
+    omega: Vector,
+    params: BodyParams,
+    normal: Vector,
+    impulses: tuple[Impulse, ...],
 ) -> tuple[Vector, Vector, Vector]:
     """Velocities (body frame) after the contact impulses, and the total impulse in N s."""
     contact = params.contact
-    total, levers = _summed(contact.pairing.pairs, contact.feet, at, normal)
+    total, levers = _summed(contact.pairing.pairs, contact.feet, impulses, normal)
     # Σ r × j of feet (x, y, z)
     twist = (
         levers[1] - contact.z * total[1],
@@ -122,7 +126,7 @@ def with_impulses(
 def _summed(
     pairs: tuple[int, ...],
     feet: tuple[tuple[float, float], ...],
-    at: tuple[Impulse, ...],
+    impulses: tuple[Impulse, ...],
     normal: Vector,
 ) -> tuple[Vector, Quaternion]:
     """Sum of the impulses j of feet, in pairs and then one by one; and Σ of x jz, y jz, x jy, y jx.
@@ -130,20 +134,20 @@ def _summed(
     Mirror images are added first, which keeps the mirror symmetry exact in rounding.
     """
     x, y = feet[0]
-    both = apart = plus(at[0][1], at[0][0], normal)
+    both = apart = plus(impulses[0][1], impulses[0][0], normal)
     if len(pairs) > 0:
-        second = plus(at[1][1], at[1][0], normal)
+        second = plus(impulses[1][1], impulses[1][0], normal)
         both, apart = plus(both, 1.0, second), plus(both, -1.0, second)
     levers = x * both[2], y * apart[2], x * both[1], y * apart[0]
     # A sum ends with its last foot: adding a zero would take time in every tick.
     if len(pairs) > 0:
         if len(feet) == 2:
             return both, levers
-        rest, others = _summed(pairs[1:], feet[2:], at[2:], normal)
+        rest, others = _summed(pairs[1:], feet[2:], impulses[2:], normal)
     else:
         if len(feet) == 1:
             return both, levers
-        rest, others = _summed(pairs, feet[1:], at[1:], normal)
+        rest, others = _summed(pairs, feet[1:], impulses[1:], normal)
     return plus(both, 1.0, rest), (
         levers[0] + others[0],
         levers[1] + others[1],
@@ -153,21 +157,23 @@ def _summed(
 
 
 @unrolled
-def _changes(pairs: tuple[int, ...], after: tuple[Impulse, ...], at: tuple[Impulse, ...]) -> float:
+def _change_of_loads(
+    pairs: tuple[int, ...], after: tuple[Impulse, ...], impulses: tuple[Impulse, ...]
+) -> float:
     """Sum of the changes of normal impulses, in the order of `_summed`."""
-    change = abs(after[0][0] - at[0][0])
+    change = abs(after[0][0] - impulses[0][0])
     if len(pairs) > 0:
-        change += abs(after[1][0] - at[1][0])
-        if len(at) == 2:
+        change += abs(after[1][0] - impulses[1][0])
+        if len(impulses) == 2:
             return change
-        return change + _changes(pairs[1:], after[2:], at[2:])
-    if len(at) == 1:
+        return change + _change_of_loads(pairs[1:], after[2:], impulses[2:])
+    if len(impulses) == 1:
         return change
-    return change + _changes(pairs, after[1:], at[1:])
+    return change + _change_of_loads(pairs, after[1:], impulses[1:])
 
 
 @unrolled
-def _least(
+def _least_speeds(
     feet: tuple[tuple[float, float], ...],
     mu: tuple[float, ...],
     body: Body,
@@ -187,13 +193,13 @@ def _least(
         before = body.velocity[2] + dot(cross(normal, body.omega), foot)
         least = impact_speed(gap, before, least, params.restitution, params.inverse_dt)
     least = select(mu[0] < 0.0, -math.inf, least)
-    return (least, *_least(feet[1:], mu[1:], body, normal, params))
+    return (least, *_least_speeds(feet[1:], mu[1:], body, normal, params))
 
 
 @unrolled
-def _swept(
+def _after_sweep(
     feet: tuple[tuple[float, float], ...],
-    at: tuple[Impulse, ...],
+    impulses: tuple[Impulse, ...],
     mu: tuple[float, ...],
     least: tuple[float, ...],
     velocity: Vector,
@@ -212,9 +218,11 @@ def _swept(
     x, y = feet[0]
     along, across, up = velocity
     of_foot = along - omega[2] * y, across + omega[2] * x, up - omega[1] * x + omega[0] * y
-    after = gradient_step(at[0], of_foot, normal, least[0], mu[0], contact)
-    kept = _where(going_on, after, at[0])
-    rest = _swept(feet[1:], at[1:], mu[1:], least[1:], velocity, omega, normal, contact, going_on)
+    after = gradient_step(impulses[0], of_foot, normal, least[0], mu[0], contact)
+    kept = _where(going_on, after, impulses[0])
+    rest = _after_sweep(
+        feet[1:], impulses[1:], mu[1:], least[1:], velocity, omega, normal, contact, going_on
+    )
     return (kept, *rest)
 
 
@@ -251,9 +259,9 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> tu
     half_spin = plus(body.omega, -1.0, spun_omega)
 
     normal = world_from_body[2]
-    feet, mu, at, pairs = contact.feet, contact.mu, body.at, contact.pairing.pairs
-    least = _least(feet, mu, body, normal, params)
-    v, omega, total = with_impulses(free_velocity, free_omega, params, normal, at)
+    feet, mu, impulses, pairs = contact.feet, contact.mu, body.impulses, contact.pairing.pairs
+    least = _least_speeds(feet, mu, body, normal, params)
+    v, omega, total = with_impulses(free_velocity, free_omega, params, normal, impulses)
     change = select(body.position[2] < math.inf, math.inf, 0.0)
     for _ in range(contact.max_sweeps):
         # A lane that has ended its sweeps keeps its values, to the bit, and so changes no more.
@@ -262,13 +270,13 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> tu
             break
         of_axis = at_axis(v, omega, params)
         lowest = of_axis[0] + omega[1] * contact.z, of_axis[1] - omega[0] * contact.z, of_axis[2]
-        after = _swept(feet, at, mu, least, lowest, omega, normal, contact, going_on)
+        after = _after_sweep(feet, impulses, mu, least, lowest, omega, normal, contact, going_on)
         before, spin = total, omega[2]
         v, omega, total = with_impulses(free_velocity, free_omega, params, normal, after)
-        change = _changes(pairs, after, at)
+        change = _change_of_loads(pairs, after, impulses)
         change += abs(total[0] - before[0]) + abs(total[1] - before[1])
         change += contact.spin_inertia * abs(omega[2] - spin)
-        at = after
+        impulses = after
 
     velocity = plus(body.velocity, dt, params.gravity)
     velocity = plus(
@@ -281,4 +289,4 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> tu
         before = to_centre(world_from_body, params.centre)
         after = to_centre(rotation_matrix(orientation), params.centre)
         position = plus(position, 1.0, plus(before, -1.0, after))
-    return Body(position, orientation, velocity, omega, at), change >= contact.tolerance
+    return Body(position, orientation, velocity, omega, impulses), change >= contact.tolerance

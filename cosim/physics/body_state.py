@@ -83,7 +83,7 @@ class Body(NamedTuple):
     orientation: Quaternion  # world from body
     velocity: Vector  # of the centre of mass, world frame, m/s
     omega: Vector  # body frame, rad/s
-    at: tuple[Impulse, ...]  # impulses of the feet in the last step, body frame, N s
+    impulses: tuple[Impulse, ...]  # impulses of the feet in the last step, body frame, N s
 
 
 @inlined
@@ -141,17 +141,21 @@ def write_body(
     _write_vector(bodies, Q_X, column, width, body.orientation[1:])
     _write_vector(bodies, V_X, column, width, body.velocity)
     _write_vector(bodies, W_X, column, width, body.omega)
-    _write_impulses(bodies, column, width, order, body.at)
+    _write_impulses(bodies, column, width, order, body.impulses)
 
 
 @unrolled
 def _write_impulses(
-    bodies: np.ndarray, column: int, width: Width, order: tuple[int, ...], at: tuple[Impulse, ...]
+    bodies: np.ndarray,
+    column: int,
+    width: Width,
+    order: tuple[int, ...],
+    impulses: tuple[Impulse, ...],
 ) -> None:
     if len(order) > 0:
-        store(bodies, NORMALS + order[0], column, width, at[0][0])
-        _write_vector(bodies, frictions(bodies) + 3 * order[0], column, width, at[0][1])
-        _write_impulses(bodies, column, width, order[1:], at[1:])
+        store(bodies, NORMALS + order[0], column, width, impulses[0][0])
+        _write_vector(bodies, frictions(bodies) + 3 * order[0], column, width, impulses[0][1])
+        _write_impulses(bodies, column, width, order[1:], impulses[1:])
 
 
 @inlined
