@@ -143,6 +143,11 @@ def lines_of(
         raise ConfigError(
             f"trainings = {trainings} contradicts a claim, which is about one policy; leave out one"
         )
+    if trainings > 1 and not any(map(is_trained, policies.values())):
+        raise ConfigError(
+            f"trainings = {trainings} has no effect: no policy here is trained for the study; "
+            "leave it out, or name a method that learns"
+        )
     drawn = [
         (name, of, training)
         for name, of in policies.items()

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from cosim.coupling.assembly import Motors, SpeedNoise, check_motors, new_plant, robot_properties
+from cosim.coupling.assembly import SpeedNoise, check_motors, new_plant, robot_properties
 from cosim.coupling.master import CompiledDriver, FallError, FaultError
 from cosim.coupling.signals import (
     RawSamples,
@@ -22,6 +22,7 @@ from cosim.coupling.signals import (
     with_room,
 )
 from cosim.fmi.motor import MotorFmu
+from cosim.fmi.motors import Motors
 from cosim.model.config import CoSimConfig
 from cosim.model.params import MotorParams, motors_of
 from cosim.onboard.camera import NOISE, camera_of, frames_in_flight

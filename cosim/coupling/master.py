@@ -20,7 +20,6 @@ from fmpy.fmi1 import FMICallException
 
 from cosim.base.errors import UserError
 from cosim.base.jit import interrupts_held, kernel
-from cosim.coupling.assembly import Motors
 from cosim.coupling.period import (
     DIVERGED,
     TIPPED,
@@ -44,6 +43,7 @@ from cosim.fmi.calls import (
     step_period,
     take_sampled,
 )
+from cosim.fmi.motors import Motors
 from cosim.model.params import motor_names
 from cosim.physics.lanes import Width, width_of
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
 from cosim.base.errors import UserError, shorten
-from cosim.coupling.assembly import Motors, check_motors, new_plant, robot_properties, why_not_fmpy
+from cosim.coupling.assembly import check_motors, new_plant, robot_properties, why_not_fmpy
 from cosim.coupling.master import (
     CompiledDriver,
     Driver,
@@ -35,6 +35,7 @@ from cosim.coupling.signals import (
     with_room,
 )
 from cosim.fmi.motor import MotorFmu
+from cosim.fmi.motors import Motors
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import motor_phases

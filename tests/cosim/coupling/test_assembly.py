@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from cosim.calibration.trial import Trial
-from cosim.coupling.assembly import Motors, SpeedNoise
+from cosim.coupling.assembly import SpeedNoise
 from cosim.fmi.motor import MotorFmu
+from cosim.fmi.motors import Motors
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II
 from cosim.model.scenario import Scenario

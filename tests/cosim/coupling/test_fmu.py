@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 from cosim.base.arguments import ConfigError
 from cosim.calibration.trial import Trial
 from cosim.coupling import assembly
-from cosim.coupling.assembly import Motors, check_motors
+from cosim.coupling.assembly import check_motors
 from cosim.fmi.fmu import FmuError
 from cosim.fmi.motor import PHASE, Motor, MotorFmu, _units
+from cosim.fmi.motors import Motors
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_II, TIMING, MotorParams
 from cosim.model.scenario_file import find_scenario

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from fmpy.fmi3 import FMU3Slave
 
-from cosim.coupling.assembly import Motors, new_plant, robot_properties
+from cosim.coupling.assembly import new_plant, robot_properties
 from cosim.coupling.master import CompiledDriver, FmpyDriver, ReferenceDriver
 from cosim.coupling.plant import Plant
 from cosim.coupling.signals import new_raw_samples, new_samples, new_state, with_room
 from cosim.fmi.fmu import FmuError
 from cosim.fmi.motor import MotorFmu
+from cosim.fmi.motors import Motors
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import COLLISION, OUT_OF_BOARD, RUNNING
 from cosim.model.params import STEERING, TABLE_I, TABLE_II
