@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from cosim.base.arguments import ConfigError
 from cosim.calibration.trial import Trial
-from cosim.coupling import assembly
 from cosim.coupling.assembly import check_motors
 from cosim.fmi.fmu import FmuError
 from cosim.fmi.motor import PHASE, Motor, MotorFmu, _units
@@ -323,7 +322,7 @@ def test_a_motor_without_an_initial_phase_is_refused_where_one_is_asked_for(edit
 def test_usual_motors_have_what_their_fmu_begins_with(fmu, request, monkeypatch):
     """Before and after a run with motors of their own, where that is not Table II as well."""
     usual = TABLE_II._replace(J=4e-9)
-    monkeypatch.setattr(assembly, "TABLE_II", usual)
+    monkeypatch.setattr("cosim.fmi.motors.TABLE_II", usual)
     motors = Motors(MotorFmu(request.getfixturevalue(fmu)), CoSimConfig(motor=usual), 1)
     inputs, speeds = np.zeros((6, 1)), []
     inputs[:2] = 700.0
