@@ -70,7 +70,7 @@ CONTROLLERS: dict[str, CoSimConfig] = {
     "neither": CoSimConfig(open_loop=("motors", "heading")),
     # The same robot with its motors and feet listed, so that set points are found for it.
     "found, no course": Preset(
-        tree=tree_of("Fig. 4b", motors=TABLE_I.motors, feet=TABLE_I.feet)
+        tree=tree_of("Fig. 4b", masses_included=False, motors=TABLE_I.motors, feet=TABLE_I.feet)
     ).config(tree_of("benchmark", open_loop=("heading",))),
 }
 # Single moves: length in cells, and angle between the robot's axis and the line in degrees.
