@@ -3,6 +3,7 @@
 import json
 import re
 import runpy
+import tomllib
 from pathlib import Path
 
 import gymnasium
@@ -100,6 +101,36 @@ def test_the_architecture_page_has_every_folder_and_no_other():
     inner = {name for name in folders if "/" in name and not name.startswith("fmus/")}
     missing = {name for name in inner if not named & {name, *map(str, Path(name).parents)}}
     assert missing == set()
+
+
+def test_the_table_of_folders_says_what_the_import_contracts_say():
+    rows = re.findall(
+        r"^\| `([\w/.]+)` \| [^|]* \| ([^|]*) \|$", _page("architecture"), re.MULTILINE
+    )
+    places = {name: place for place, (name, _) in enumerate(rows)}
+    content = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    checked = 0
+    for contract in content["tool"]["importlinter"]["contracts"]:
+        layers = [
+            [name.strip().replace(".", "/") for name in layer.split("|")]
+            for layer in reversed(contract.get("layers", ()))
+        ]
+        named = [
+            [n for n in (*layer, *(f"{x}.py" for x in layer)) if n in places] for layer in layers
+        ]
+        above: list[str] = []
+        for layer in named:
+            for name in layer:
+                later = [other for other in above if places[other] > places[name]]
+                assert later == [], f"{name} stands above {later}, which it may import"
+                earlier = {other for other in layer if places[other] < places[name]}
+                excluded = set(
+                    re.findall(r"`([\w/.]+)`", rows[places[name]][1].partition("except")[2])
+                )
+                assert excluded == earlier, f"{name} may not import {earlier}"
+                checked += 1
+            above += layer
+    assert checked > 20
 
 
 def test_methods_page_has_the_table_of_the_command():
