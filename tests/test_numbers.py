@@ -50,6 +50,8 @@ def test_a_page_has_the_present_numbers_and_code(page):
     text = re.sub(r"^```.*?^```", "", PAGES[page], flags=re.DOTALL | re.MULTILINE)
     inline = [part for block in text.split("\n\n") for part in block.split("`")[1::2]]
     assert [part for part in inline if "<!--" in part] == [], "code shows comments"
+    ends = r"^ *<!--[\w-]+\..*|^ +\d+\. .*"  # lines before which a paragraph ends
+    assert re.findall(ends, text, re.MULTILINE) == []
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
