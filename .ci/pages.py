@@ -2,7 +2,9 @@
 
 `<!--FILE.key-->value<!--/-->` in a page has that value of docs/results/FILE.json, a file with what
 its `command` measured. `<!--FILE:name-->` above a block of code has it from FILE, between its
-lines `begin name` and `end name`. `tests/test_numbers.py` fails on pages that this would change.
+lines `begin name` and `end name`. In rows of a table that begin with the number of an equation,
+links to sources lead to the line of its tag. `tests/test_numbers.py` fails on pages that this would
+change.
 """
 
 import json
@@ -14,6 +16,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 NUMBER = re.compile(r"<!--([\w-]+)\.([\w.-]+)-->(.*?)<!--/-->")
 CODE = re.compile(r"(<!--([\w./]+):(\w+)-->\n```python\n).*?(\n```\n)", re.DOTALL)
+EQUATIONS = re.compile(r"^\| (\(\d+\)[^|]*) \|.*$", re.MULTILINE)
+SOURCE = re.compile(r"\[`([\w./]+)`\]\(\.\./\1#L\d+\)")
 
 
 def pages() -> list[Path]:
@@ -39,8 +43,28 @@ def code(file: str, name: str) -> str:
     return textwrap.dedent(found[0]).rstrip()
 
 
+def tagged(file: str, equations: list[int]) -> int:
+    """Return the line of a source, from 1, with the tag of one of some equations.
+
+    The first one that is a comment of its own, else the first; a `ValueError` if there is none.
+    """
+    text = (ROOT / file).read_text("utf-8")
+    tag = rf"^ *(?:#|//|/\*|\*) ?Eq\. \((?:{'|'.join(map(str, equations))})\)"
+    for end in (r"(?=$|[,:]| \*/)", ""):
+        if found := re.search(tag + end, text, re.MULTILINE):
+            return text.count("\n", 0, found.start()) + 1
+    raise ValueError(f"{file} has no tag of equation {equations}")
+
+
+def linked(row: re.Match[str]) -> str:
+    """Return the row of an equation with links to its lines."""
+    numbers = [int(n) for n in re.findall(r"\((\d+)\)", row[1])]
+    return SOURCE.sub(lambda m: f"[`{m[1]}`](../{m[1]}#L{tagged(m[1], numbers)})", row[0])
+
+
 def written(text: str) -> str:
-    """Return a page with the present numbers and code."""
+    """Return a page with the present numbers, code and lines of equations."""
+    text = EQUATIONS.sub(linked, text)
     text = NUMBER.sub(lambda m: f"<!--{m[1]}.{m[2]}-->{number(m[1], m[2])}<!--/-->", text)
     return CODE.sub(lambda m: f"{m[1]}{code(m[2], m[3])}{m[4]}", text)
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 
@@ -41,7 +41,11 @@ def write_video(
     writer = _writer(out)
     figure, axes = plt.subplots(figsize=(4.8, 5.1))
     draw_board(axes, scenario)
-    axes.set(xlabel="", xticks=[], yticks=[])
+    width, height = (100.0 * size for size in scenario.size_m)
+    rim = 50.0 * scenario.diameter_m  # of robots whose centres are at the board's edge
+    axes.add_patch(Rectangle((0.0, 0.0), width, height, fill=False))
+    axes.spines[:].set_visible(False)
+    axes.set(xlabel="", xticks=[], yticks=[], xlim=(-rim, width + rim), ylim=(-rim, height + rim))
     drawn = [_robot(axes, episode, number) for number in range(len(episode.robots))]
     for number, (x, y) in enumerate(scenario.targets):
         beside = 100.0 * scenario.cell_m * (x + _BESIDE), 100.0 * scenario.cell_m * (y + 0.5)

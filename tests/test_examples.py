@@ -66,7 +66,7 @@ def test_api_page_runs_as_written(follow, tmp_path, capsys):
 def test_study_page_runs_as_written(follow, capsys, command):
     follow("studies.md", commands=False)
     said = capsys.readouterr().out
-    assert "| fastest | 1a | 0.15 | 4 | 100.0% [" in said
+    assert "| fastest | 1a | 0.15 | – | 4 | 100.0% [" in said
     assert "0.0 0.0 0.56" in said
     assert said.rstrip().endswith("[2 rows x 8 columns]")
     done = command("study", "friction.toml")  # finds the episodes of the page's Python

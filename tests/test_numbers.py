@@ -22,7 +22,7 @@ QUANTITIES = {
     "paper in scenario 4": r"Q-learning succeeds in ([\d.]+ \[.*?\] %)|([\d.]+ \[[^]]*\] %) of 4 ",
     "groups without the shield": r"(\d+ of \d+) without it|without it in (\d+ of \d+)",
     "groups with the shield": r"(\d+ of \d+) episodes with the shield",
-    "claim": r"--starts (\d+) --seed 20261125|all (\d+) episodes of a \[claim",
+    "claim": r"certified by (\d+) episodes|all (\d+) episodes of a \[claim",
     "lift-off": r"√\(W/u\) = (\d+)|motors in phase is at \[?(\d+)|leaves the floor at (\d+)",
     "step of the platform": r"Table II(?: gives)? ([\d.]+) µm",
     "motor to 90 %": r"to 90 %: (\d+) ms|closed loop (\d+) ms to 90 %",
@@ -47,6 +47,11 @@ def test_a_page_has_the_present_numbers_and_code(page):
     assert WRITER["written"](PAGES[page]) == PAGES[page], "run `uv run python .ci/pages.py`"
     assert "{{" not in PAGES[page]
     assert "--8<--" not in PAGES[page]
+    text = re.sub(r"^```.*?^```", "", PAGES[page], flags=re.DOTALL | re.MULTILINE)
+    inline = [part for block in text.split("\n\n") for part in block.split("`")[1::2]]
+    assert [part for part in inline if "<!--" in part] == [], "code shows comments"
+    ends = r"^ *<!--[\w-]+\..*|^ +\d+\. .*"  # lines before which a paragraph ends
+    assert re.findall(ends, text, re.MULTILINE) == []
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)

@@ -187,6 +187,11 @@ def _others(row: Row) -> str:
     return ", ".join(map(str, counts)) if row.episodes else "–"
 
 
+def _failures(row: Row) -> str:
+    counts = {str(end): round(row.episodes * (getattr(row, end) or 0.0)) for end in ENDS[1:]}
+    return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items() if n) or "–"
+
+
 def _of_trainings(row: Row) -> str:
     if row.success_least is None or row.success_most is None:
         return str(row.trainings or "–")
@@ -232,11 +237,16 @@ OF_POLICIES = (
 )
 
 
-def columns_of(rows: Iterable[Row], axes: Iterable[str]) -> Columns:
+# What a console shows that is not wide enough for all.
+_BRIEF = (*OUTCOMES[:3], Column("failures", _failures), MEASURES[1], MEASURES[3])
+
+
+def columns_of(rows: Iterable[Row], axes: Iterable[str], *, brief: bool = False) -> Columns:
     """Return the columns of a study with these axes; a claim of its rows has one, too."""
     claims = dict.fromkeys(row.claim.text for row in rows if row.claim)
     verdicts = [Column(text, lambda row: row.claim.verdict) for text in claims]
-    return (POLICY, SCENARIO, *map(option_column, axes), *verdicts, *OUTCOMES, *MEASURES)
+    measured = _BRIEF if brief else (*OUTCOMES, *MEASURES)
+    return (POLICY, SCENARIO, *map(option_column, axes), *verdicts, *measured)
 
 
 def text_of(value: Any) -> str:

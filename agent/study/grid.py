@@ -15,20 +15,22 @@ from agent.mdp.optimum import ratios
 from agent.study.report import Report
 from agent.training.methods import METHODS
 from agent.training.runs import policy_paths
+from agent.training.store import POLICY_FILE
 from cosim.base.errors import UserError
 from cosim.base.table import Column, field, format_value, show_texts
 from cosim.model.outcome import BY_RANK, ENDS, SUCCESS
 
 MAX_FAILURES = 1000  # in the report
 _LISTED_FAILURES = 10
-# Measures of tables, with the formats of their values.
+# Measures of tables, with the formats of their values and their headings.
 _MEASURES = {
-    **{str(end): "{:.2%}" for end in ENDS},
-    "path_length_cm": "{:.2f}",
-    "steps": "{:.2f}",
-    "ratio_to_bound": "{:.3f}",
-    "steps_ratio_to_bound": "{:.3f}",
+    **{str(end): ("{:.2%}", str(end).replace("_", " ")) for end in ENDS},
+    "path_length_cm": ("{:.2f}", "path, cm"),
+    "steps": ("{:.2f}", "moves"),
+    "ratio_to_bound": ("{:.3f}", "path over bound"),
+    "steps_ratio_to_bound": ("{:.3f}", "moves over bound"),
 }
+_COLUMNS = tuple(field(name, *how) for name, how in _MEASURES.items())
 
 
 def _starts(row: Row) -> str:
@@ -55,7 +57,8 @@ class EvaluationReport(Report, frozen=True, kw_only=True):
 class GridReport(Report, frozen=True, kw_only=True):
     """Measures of policies on the grid, and statistics over them by scenario and measure."""
 
-    table = POLICY, SCENARIO, Column("starts", _starts), *map(field, _MEASURES, _MEASURES.values())
+    table = POLICY, SCENARIO, Column("starts", _starts), *_COLUMNS
+    brief = Column("policy", lambda row: row.policy.removesuffix(f"/{POLICY_FILE}")), *table[1:]
     over_policies: dict[str, dict[str, Statistics]]
 
     def show(self) -> None:
@@ -69,9 +72,10 @@ class GridReport(Report, frozen=True, kw_only=True):
             rows = []
             for name, s in measures.items():
                 values = (s.mean, s.iqm, s.low, s.high)
-                mean, iqm, low, high = (format_value(value, _MEASURES[name]) for value in values)
+                form, heading = _MEASURES[name]
+                mean, iqm, low, high = (format_value(value, form) for value in values)
                 ends = "–" if s.low is None else f"{low} to {high}"
-                rows.append((name.replace("_", " "), mean, iqm, ends))
+                rows.append((heading, mean, iqm, ends))
             header = (f"scenario {scenario}, {runs} policies", "mean", "IQM", "95 % interval")
             show_texts(header, rows)
 

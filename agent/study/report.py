@@ -22,6 +22,7 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     """Rows of a study: policies in scenarios, with every combination of the axes."""
 
     table: ClassVar[Columns] = ()  # of a kind of reports; by default `columns_of` its rows
+    brief: ClassVar[Columns] = ()  # in its place on a narrow console; by default fewer of these
     title: ClassVar[str | None] = None  # of the table on a terminal
     schema_version: int = 2
     seed: int | None = None  # of samples of starts and of what episodes draw; None on the grid
@@ -42,9 +43,11 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
         return markdown(self.table or columns_of(self.rows, self.axes), self.rows)
 
     def show(self) -> None:
-        """Print the table, in as many parts as the console is wide for."""
+        """Print the table, with fewer columns where the console is not wide enough for all."""
         columns = self.table or columns_of(self.rows, self.axes)
-        show(columns, self.rows, names=2 + len(self.axes), title=self.title)
+        layout = {"names": 2 + len(self.axes), "title": self.title}
+        brief = self.brief or columns_of(self.rows, self.axes, brief=True)
+        show(columns, self.rows, brief=brief, **layout)
 
     def to_arrow(self, *, episodes: bool = False) -> Any:
         """Return a `pyarrow.Table`: a row for each row, or for each episode."""

@@ -144,6 +144,7 @@ def _run_episodes(
                     executed[i] = action[i]
                     if slips:
                         executed[i] = slipped(process, action[i], random)
+            # begin loop
             outcome = move(process, world, executed, rewards)
             failed = outcome not in (RUNNING, SUCCESS)
             if outcome == RUNNING and step == process.step_limit:
@@ -173,6 +174,7 @@ def _run_episodes(
                     # the row has changed since, if the features hide the move
                     a_next = best_action(learning, q, i, s)
                 state[i], action[i] = s_next, a_next
+            # end loop
         agent_steps += moves
         path_cells = (moves - diagonal_moves) + SQRT_2 * diagonal_moves
         log_episode(learning, curve, episode, outcome == SUCCESS, path_cells, moves, returns)

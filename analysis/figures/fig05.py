@@ -14,6 +14,7 @@ from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import AMONG_OBSTACLES, IN_GROUPS, PAPER, find_scenario
 
 _IN_A_ROW = 3  # boards
+_LABEL = 2.6  # cells, half the width of a target's label
 
 
 def draw_board(axes: Axes, scenario: Scenario) -> None:
@@ -67,7 +68,8 @@ def _draw_robots(axes: Axes, scenario: Scenario) -> None:
         place = (column + 0.5) * cell_cm, (row + 0.5) * cell_cm
         axes.add_patch(Circle(place, radius_cm, color=colour, alpha=0.4))
         axes.text(*place, str(robot + 1), ha="center", va="center", fontsize=8)
-        above = (target[0] + 0.5) * cell_cm, (target[1] + 1.5) * cell_cm
+        middle = min(max(target[0] + 0.5, _LABEL), scenario.columns - _LABEL)  # within the rim
+        above = middle * cell_cm, (target[1] + 1.5) * cell_cm
         axes.text(*above, "{}, {}".format(*target), color=colour, ha="center", fontsize=6)
     width, height = (100.0 * size for size in scenario.size_m)
     axes.add_patch(Rectangle((0.0, 0.0), width, height, fill=False))

@@ -157,6 +157,8 @@ def draw_learning_curves(
         pair[1].set(ylabel="path length in cm", ylim=(0.0, 1.2 * longest))
     if reference:
         _draw_differences(axes["difference"], variants, reference)
+    for name in places[1]:  # narrower than what may be below: their ticks are elsewhere
+        axes[name].tick_params(labelbottom=True)
     for name in places[-1]:
         axes[name].set_xlabel("episodes in millions")
     runs = len(next(iter(variants.values())).logs)

@@ -112,6 +112,8 @@ def draw_primitives(found: Mapping[str, Primitive], robot: RobotParams) -> Figur
     axes.set_title(f"where primitives take the front in {DRIVEN_S:g} s", loc="left")
     axes.set(xlabel="x ahead in mm", ylabel="y to the left in mm")
     figure.legend(*_labelled(axes), loc="outside right upper")
+    width, height = (abs(high - low) for low, high in (axes.get_xlim(), axes.get_ylim()))
+    figure.set_figheight(np.clip(1.0 + 4.4 * height / width, 2.6, 5.4))
     return figure
 
 

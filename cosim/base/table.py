@@ -12,6 +12,7 @@ from cosim.base.storage import replacing
 
 _GAP = 2  # between columns
 _WORD = re.compile(r"\[[^]]*\]|\S+")  # or an interval
+_HEADING_AND_ONE = 2  # rows
 _NAME_WIDTH = 24  # up to which a name stands on one line
 
 
@@ -44,9 +45,44 @@ def markdown(columns: Columns, rows: Iterable[Any]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in cells)
 
 
-def show(columns: Columns, rows: Iterable[Any], **layout: Any) -> None:
-    """Print a table; `layout` is that of `show_texts`."""
-    show_texts([column.heading for column in columns], _cells(columns, rows), **layout)
+def show(columns: Columns, rows: Iterable[Any], *, brief: Columns = (), **layout: Any) -> None:
+    """Print a table; `layout` is that of `show_texts`.
+
+    Args:
+        brief: columns in place of the others where these do not fit.
+    """
+    all_rows = list(rows)
+    if brief and not _fits(columns, all_rows, layout.get("names", 1)):
+        columns = brief
+    show_texts([column.heading for column in columns], _cells(columns, all_rows), **layout)
+
+
+def _least(column: Sequence[str], *, named: bool) -> int:
+    """Return the width of the longest word or interval, which is cut only in a name."""
+    from rich.cells import cell_len  # noqa: PLC0415 - slow to import
+
+    longest = max(cell_len(word) for cell in column for word in ("", *_WORD.findall(cell)))
+    return min(longest, _NAME_WIDTH) if named else longest
+
+
+def _fit(columns: Sequence[Sequence[str]], names: int) -> bool:
+    """Return whether the words of columns fit next to each other."""
+    from rich.console import Console  # noqa: PLC0415 - slow to import
+
+    words = sum(_least(column, named=k < names) + _GAP for k, column in enumerate(columns))
+    return words - _GAP <= Console().width
+
+
+def _turned(columns: Sequence[Sequence[str]]) -> list[tuple[str, ...]]:
+    """Return columns as rows."""
+    return list(zip(*columns, strict=True))
+
+
+def _fits(columns: Columns, rows: Iterable[Any], names: int) -> bool:
+    """Return whether all columns fit, as they are or as rows."""
+    header = [column.heading for column in columns]
+    texts = list(zip(header, *_cells(columns, rows), strict=True))
+    return _fit(texts, names) or _fit(_turned(texts), 1)
 
 
 def show_texts(
@@ -60,7 +96,8 @@ def show_texts(
     """Print a table that fits the console or a pipe of 80 columns; no number is ever cut.
 
     Cells have several lines where they must. If words alone are too wide, each row becomes a
-    column; if that is too wide too, there are several tables.
+    column; if that is too wide too, columns with one value in all rows become a line above the
+    table, and only what is still too wide makes several tables.
 
     Args:
         names: how many of the first columns name a row: each of several tables has them.
@@ -73,19 +110,16 @@ def show_texts(
     from rich.text import Text  # noqa: PLC0415
 
     console, columns = Console(), list(zip(header, *rows, strict=True))
-
-    def least(column: Sequence[str], named: bool) -> int:
-        """Width of the longest word or interval, which is cut only in a name."""
-        longest = max(cell_len(word) for cell in column for word in ("", *_WORD.findall(cell)))
-        return min(longest, _NAME_WIDTH) if named else longest
-
-    def wide(columns: Sequence[Sequence[str]]) -> bool:
-        words = sum(least(column, k < names) + _GAP for k, column in enumerate(columns))
-        return words - _GAP > console.width
-
-    if wide(columns) and not wide(turned := list(zip(*columns, strict=True))):
-        columns, names, numbers = turned, 1, 0
-    lowest = [least(column, k < names) for k, column in enumerate(columns)]
+    if not _fit(columns, names):
+        if _fit(turned := _turned(columns), 1):
+            columns, names, numbers = turned, 1, 0
+        elif len(turned) > _HEADING_AND_ONE:
+            equal = [k for k, column in enumerate(columns) if k and len({*column[1:]}) == 1]
+            if equal:
+                print("all rows:", ", ".join(visible(" ".join(columns[k][:2])) for k in equal))
+            columns = [column for k, column in enumerate(columns) if k not in equal]
+            names -= sum(k < names for k in equal)
+    lowest = [_least(column, named=k < names) for k, column in enumerate(columns)]
     first, rest = list(range(names)), list(range(names, len(columns)))
     while rest or first:
         shown = [*first, *rest[:1]]

@@ -50,9 +50,8 @@ class Pairing(NamedTuple):
     What is summed is summed by pairs, which keeps the mirror symmetry exact in rounding.
     """
 
-    pairs: tuple[
-        int, ...
-    ]  # a zero for each pair: numba compiles a kernel for each length of a tuple
+    # One zero per pair: the number of pairs is part of the type, and kernels are compiled for it
+    pairs: tuple[int, ...]
     order: tuple[int, ...]  # of kernels: indices in the machine's order
 
 

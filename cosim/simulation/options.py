@@ -255,8 +255,8 @@ class EpisodeOptions(SimulationOptions):
     the others only poses are recorded."""
     driver: Literal["fmpy", "compiled", "reference"] | None = None
     """Driver that steps the motor FMUs: fmpy calls doStep of fmpy's class once per control period
-    of 1 ms; compiled calls their C functions at every tick (the same bits, an episode some 16 %
-    faster); reference calls fmpy's class at every tick (the same bits, some 400 times slower).
+    of 1 ms; compiled calls their C functions at every tick (the same bits, somewhat faster);
+    reference calls fmpy's class at every tick (the same bits, hundreds of times slower).
     By default fmpy, and compiled with --reaction or a motor FMU without samples of its outputs."""
 
 

@@ -286,7 +286,7 @@ class MovePlatform(Command):
                 for mu, (slip, drift), speeds in lines
             ),
             *(
-                f"{text}: {1e6 * motion.net_displacement_m:.2f} um per turn at "
+                f"{text}: {1e6 * motion.net_displacement_m:.2f} µm per turn at "
                 f"{motion.omega_rad_s:g} rad/s"
                 for text, motion in zip(texts, motions.values(), strict=True)
             ),

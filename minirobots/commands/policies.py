@@ -47,7 +47,7 @@ class Methods(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class Train(Command):
-    """Train Q-learning agents on the grid: many independent runs, each with its own seed.
+    """Train agents on the grid, or on moves: independent runs, each with a seed of its own.
 
     Every run gets a folder with its policy, its learning curves and a recording for the Rerun
     viewer; runs are evaluated from every start. The same command with --out continues after an
@@ -318,15 +318,20 @@ class Bound(Command):
         require_paths(process, bound.path_cells, alone=bound.relaxed)
         starts = joint_starts(process)
         path_cells, steps = (float(mean.mean()) for mean in bound.of_starts(starts, scenario.rows))
+        length_cm, drawn = 100.0 * scenario.cell_m * path_cells, not enumerable(process)
+        over = f"{len(starts)} starts" + (", drawn" if drawn else "")
+        alone = "; each robot on its own, as if no other were there" if bound.relaxed else ""
         return Output(
             {
                 "scenario": scenario.name,
                 "starts": len(starts),
-                "drawn": not enumerable(process),
+                "drawn": drawn,
                 "relaxed": bound.relaxed,
-                "path_length_cm": 100.0 * scenario.cell_m * path_cells,
+                "path_length_cm": length_cm,
                 "steps": steps,
-            }
+            },
+            f"scenario {scenario.name}: no policy has a mean path below {length_cm:.3f} cm, or "
+            f"fewer than {steps:.3f} moves on average ({over}{alone})",
         )
 
 

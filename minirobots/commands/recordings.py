@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,7 +12,7 @@ import tyro
 from cosim.base import command as opt
 from cosim.base.progress import Progress, under_way
 from cosim.base.storage import PICTURE, require_suffix
-from cosim.base.table import Column, field, show, show_texts
+from cosim.base.table import Column, field, format_value, show, show_texts
 from minirobots.runner import Command, Output
 
 if TYPE_CHECKING:
@@ -64,17 +65,7 @@ def _show_tables(found: "Inspection", parameters: bool) -> None:
         header = ("parameter", "value", "unit", "meaning", "source")
         rows = [(name, *map(str, row.values())) for name, row in found.parameters.items()]
         show_texts(header, rows, names=5, title="parameters")
-    measures = [field(name, "{:.4g}") for name in ("minimum", "mean", "maximum", "deviation")]
-    columns = (
-        field("signal"),
-        field("component", heading="of"),
-        field("unit"),
-        field("samples"),
-        Column("every", lambda row: f"{row.period_s:g} s" if row.period_s else "–"),
-        *measures,
-    )
-    layout = {"names": 3, "title": "signals", "numbers": len(measures)}
-    show(columns, found.signals, **layout)
+    _show_signals(found)
     if not any(finding.wrong for finding in found.findings):
         print("nothing looks wrong")
     at = Column("at", lambda row: f"{row.time_s:.2f} s" if row.time_s is not None else "–")
@@ -83,6 +74,21 @@ def _show_tables(found: "Inspection", parameters: bool) -> None:
         if rows:
             columns = field("kind", heading=title), field("where"), at, field("text", heading="")
             show(columns, rows, names=4)
+
+
+def _show_signals(found: "Inspection") -> None:
+    """Print each signal with its unit and rate, and a line for each of its components."""
+    measures = ("minimum", "mean", "maximum", "deviation")
+    print(f"{'signals':<24}", *(f"{name:>12}" for name in measures))
+    for path, rows in groupby(found.signals, key=lambda row: row.signal):
+        components = list(rows)
+        first = components[0]
+        every = f" every {first.period_s:g} s" if first.period_s else ""
+        unit = "" if first.unit == "1" else f" in {first.unit}"
+        print(f"{path}{unit}, {first.samples} samples{every}")
+        for row in components:
+            values = (format_value(getattr(row, name), "{:.4g}") for name in measures)
+            print(f"  {row.component:<22}", *(f"{value:>12}" for value in values))
 
 
 @dataclass(frozen=True, kw_only=True)

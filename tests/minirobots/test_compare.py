@@ -83,12 +83,14 @@ def test_a_video_shows_the_robot_where_it_is(recordings, command, tmp_path):
     wanted = np.array([int(robot_colour(0)[i : i + 2], 16) for i in (1, 3, 5)])
     half = (wanted + 255) // 2
     rows, columns = np.nonzero(abs(colours - half).max(axis=2) < 12)
-    ink = np.nonzero((colours < 60).all(axis=2))
-    left, right, top, bottom = ink[1].min(), ink[1].max(), ink[0].max(), ink[0].min()
-    edge = 30 * (columns.max() - left) / (right - left)
+    ink = (colours < 60).all(axis=2)
+    sides = np.flatnonzero(ink.sum(axis=0) > 200)  # the board's, and no text
+    pixels_per_cm = (sides[-1] - sides[0]) / 30
     at = 100 * episode.signals["r1/position"].values[0, :2]
+    edge = (columns.max() - sides[0]) / pixels_per_cm
     assert edge == pytest.approx(at[0] + 2.5, abs=0.2)
-    assert rows.min() > bottom and rows.max() < top
+    # it is whole, though its centre is near the board's edge
+    assert (rows.max() - rows.min()) / pixels_per_cm == pytest.approx(5.0, abs=0.2)
 
 
 def test_a_video_of_another_format_is_refused(recordings, tmp_path, command):

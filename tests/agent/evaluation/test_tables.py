@@ -12,6 +12,7 @@ from agent.evaluation.statistics import Statistics, rate
 from agent.experiments import results as experiments
 from agent.mdp.exact import joint_starts
 from agent.study import grid
+from agent.study.report import Report
 from cosim.base.table import show_texts
 from cosim.model.outcome import Outcome
 
@@ -63,9 +64,12 @@ def test_a_table_has_what_there_is_room_for():
     text = tables(rows)
     lines = re.findall(r"^(\w)  (\S.*\S) *$", text, re.MULTILINE)
     assert lines == [*zip("abcd", rows[0], strict=True)]
-    text = tables([*rows, *rows, *rows])  # several tables
-    assert [text.count(found) for found in ("all", "\n─", "first row")] == [1, 2, 6]
-    assert all(text.count(digit * 30) == 3 for digit in "123")
+    text = tables([(f"row {k}", *(f"{k}" + digit * 29 for digit in "123")) for k in "456"])
+    assert [text.count(found) for found in ("all", "\n─", "row 4")] == [1, 2, 2]  # two tables
+    assert all(text.count(digit * 29) == 3 for digit in "123")
+    text = tables([(f"row {k}", "1" * 30, f"{k}" * 30, "3" * 30) for k in "456"])  # above the table
+    assert f"all rows: b {'1' * 30}, d {'3' * 30}\n" in text
+    assert [text.count(found) for found in ("\n─", "row 4", "1" * 30, "4" * 30)] == [1] * 4
 
 
 @pytest.mark.parametrize("width", [60, 80, 200])
@@ -86,6 +90,31 @@ def test_policies_on_the_grid():
     assert "1 more failing starts" in text
     whole = ["scenario", "98.76%", "1.23%", "43.21", "39.87", "1.012", "1.034", "out of board"]
     assert [word for word in whole if word not in text] == []
+
+
+def test_many_policies_on_the_grid_are_a_line_each():
+    names = [f"runs/t4/run_{k:03d}/policy.npz" for k in range(12)]
+    shares = [{end: share / (k + 1) for end, share in SHARES.items()} for k in range(12)]
+    lengths = [{name: value - 0.01 * k for name, value in LENGTHS.items()} for k in range(12)]
+    parts = zip(names, shares, lengths, strict=True)
+    rows = tuple(grid_row(policy=name, **share | length) for name, share, length in parts)
+    text = printed(grid.GridReport.show, grid.GridReport(rows=rows, over_policies={}))
+    lines = re.findall(r"^runs/t4/run_\d{3} .*$", text, re.MULTILINE)
+    assert len(lines) == len(names)
+    assert all(len(line.split()) == 8 for line in lines)
+    assert "all rows: scenario 4, starts 900" in text
+
+
+def test_many_rows_of_a_study_are_a_line_each():
+    rows = tuple(
+        dynamics_row(policy=name, options={"mu": mu}, collision=mu, timeout=0.1, success=0.9 - mu)
+        for name in ("greedy", "learnt", "moves")
+        for mu in (0.1, 0.2)
+    )
+    text = printed(Report.show, Report(rows=rows, axes=("mu",)))
+    assert text.count("\n─") == 1
+    assert len(re.findall(r"^(?:greedy|learnt|moves) +0\.[12] ", text, re.MULTILINE)) == len(rows)
+    assert "5 collision, 5 timeout" in " ".join(text.split())
 
 
 def test_a_sample_of_the_starts_is_not_called_exact(near_policy, monkeypatch):

@@ -1,6 +1,7 @@
 """Recordings read back: whole and cut; and what is said of them."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -149,4 +150,6 @@ def test_inspect_prints_a_page_and_json(recording, cut_recording, command):
     assert row | expected == row
     for text in ("outcome timeout", "voltage saturation", "V_s_max", "motors/omega_des"):
         assert text in page
+    of_speeds = page.split("/sim/r1/motors/omega in rad/s, 6000 samples every 0.005 s\n")[1]
+    assert re.match(r"  D(?: +\S+){4}\n  E(?: +\S+){4}\n/", of_speeds)
     assert "its writer was stopped" in command("inspect", cut_recording).stdout
