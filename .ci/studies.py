@@ -1,8 +1,9 @@
 """Write what a study found into docs/results: `uv run python .ci/studies.py runs/NAME`.
 
-NAME.json has the numbers of the pages (`.ci/pages.py`), by policy and scenario; NAME.csv a row for
-every training: what each of its episodes ended in, in the order of the sample (s is success, c a
-collision, o out of the board, t the end of the time).
+NAME.json has the numbers of the pages (`.ci/pages.py`), by policy and scenario, all of them for the
+last scenario of the study, which is the hardest. NAME.csv has a row for every training: what each of
+its episodes ended in, in the order of the sample (s is success, c a collision, o out of the board,
+t the end of the time).
 """
 
 import csv
@@ -62,12 +63,14 @@ def main(folder: Path) -> None:
     rows = json.loads((folder / "study.json").read_text("utf-8"))["rows"]
     command = f"uv run minirobots study docs/studies/{name}.toml"
     found: dict = {}
+    hardest = rows[-1]["scenario"]
     for row in rows:
-        found.setdefault(row["policy"], {})[row["scenario"]] = numbers(row)
+        own = numbers(row) if row["scenario"] == hardest else {"success": percent(row, "success")}
+        found.setdefault(row["policy"], {})[row["scenario"]] = own
     episodes = pd.read_parquet(folder / "episodes.parquet")
+    last = episodes[episodes.scenario == hardest]
     for key, pair in DIFFERENCES.get(name, {}).items():
-        by_scenario = episodes.groupby("scenario", sort=False)
-        found[key] = {board: difference(of, *pair) for board, of in by_scenario}
+        found[key] = difference(last, *pair)
     text = json.dumps({"command": command, **found}, indent=2, ensure_ascii=False)
     (RESULTS / f"{name}.json").write_text(text + "\n", "utf-8")
     with (RESULTS / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:

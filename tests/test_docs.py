@@ -3,8 +3,8 @@
 import json
 import re
 import runpy
-from itertools import pairwise
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 
 import gymnasium
