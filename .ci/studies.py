@@ -1,9 +1,9 @@
 """Write what a study found into docs/results: `uv run python .ci/studies.py runs/NAME`.
 
 NAME.json has the numbers of the pages (`.ci/pages.py`), by policy and scenario, all of them for the
-last scenario of the study, which is the hardest. NAME.csv has a row for every training: what each of
-its episodes ended in, in the order of the sample (s is success, c a collision, o out of the board,
-t the end of the time).
+last scenario of the study, which is the hardest. NAME.csv has a row for every training: what each
+of its episodes ended in, in the order of the sample (s is success, c a collision, o out of the
+board, t the end of the time).
 """
 
 import csv
