@@ -167,7 +167,7 @@ BASES = {
     "moves": [
         Base(
             "--moves 1",
-            {"moves": "2", "cell": "0.012", "seed": "3", "worlds": "", "rl-step": "1"}
+            {"moves": "17", "cell": "0.012", "seed": "3", "worlds": "", "rl-step": "1"}
             | {"through": ""}
             | PHYSICS,
             ".json",
