@@ -272,7 +272,7 @@ def test_every_option_is_tried():
 _NAMES = {"motor_parameters": "motor-parameter", "ranges": "worlds"}  # of fields, as options
 
 
-def _options(kind: type) -> Iterator[str]:
+def _options(kind: Any) -> Iterator[str]:
     """Names of a command's options, without those of positional arguments."""
     hints = get_type_hints(kind, include_extras=True)
     for field in fields(kind):
