@@ -10,8 +10,9 @@ from typing import Any
 
 from agent.study.user import study
 from analysis.figures.draw import draw_figures
+from analysis.figures.style import figure_entries
 from analysis.profiles import Profile
-from analysis.reading.results import RESULTS, Result, figure_entries
+from analysis.reading.results import RESULTS, Result
 from analysis.report.page import write_report
 from analysis.timings import Timings
 from cosim.base.jobs import Workers

@@ -4,22 +4,19 @@ The one place that knows the layout and the order: `minirobots reproduce` fills 
 report read from it. Their writers own the content of results.
 """
 
-import functools
 import shlex
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
 from cosim.base.errors import UserError
-from cosim.base.reading import Kind, read_json, read_toml
+from cosim.base.reading import Kind, read_json
 from cosim.model.scenario_file import PAPER, find_scenario
 
 if TYPE_CHECKING:
     from agent.experiments.results import ExperimentResult
 
-_FIGURES = Path(__file__).with_name("figures.toml")
 # Episodes of a scenario with paths in Fig. 9 or 12: the paper draws many of one robot on one
 # board, and few of a pair.
 SINGLE_EPISODES, PAIR_EPISODES = 6, 2
@@ -111,27 +108,9 @@ RESULTS: dict[str, Result] = {
 }
 
 
-class FigureEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What `figures.toml` says of a figure, by its name, which is that of its files too."""
-
-    draw: str  # module of `analysis.figures` and function
-    title: str  # what it shows
-    claim: str = ""  # what the paper says or shows; empty if the paper has no such figure
-    claims: tuple[str, ...] = ()  # of the paper, in short, on which it bears
-    inputs: tuple[str, ...] = ()  # results that it is drawn from
-
-
-@functools.cache
-def figure_entries() -> dict[str, FigureEntry]:
-    """Return all figures by name, in the paper's order."""
-    declared = read_toml(_FIGURES, Kind("table of figures", "install it again"))
-    return msgspec.convert(declared, dict[str, FigureEntry])
-
-
-def missing(figure: str, results: Path) -> list[Result]:
-    """Results that a figure needs and that are not there."""
-    needed = figure_entries()[figure].inputs
-    return [RESULTS[name] for name in needed if not RESULTS[name].exists(results)]
+def missing(names: Iterable[str], results: Path) -> list[Result]:
+    """Return the results, of some names, that a folder lacks."""
+    return [RESULTS[name] for name in names if not RESULTS[name].exists(results)]
 
 
 def recordings(name: str, results: Path) -> list[Path]:

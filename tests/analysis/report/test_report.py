@@ -9,8 +9,7 @@ import pytest
 from markupsafe import escape
 
 from agent.study.report import Report
-from analysis.figures.style import Caption, read_caption, write_caption
-from analysis.reading.results import figure_entries
+from analysis.figures.style import Caption, figure_entries, read_caption, write_caption
 from analysis.report.page import not_drawn, transfer_table, write_report
 from analysis.timings import TimingsFile
 from cosim.base.errors import UserError
