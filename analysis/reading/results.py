@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from analysis.profiles import FULL, SEQUEL_EPISODES
 from cosim.base.errors import UserError
 from cosim.base.reading import Kind, read_json
 from cosim.model.scenario_file import PAPER, find_scenario
@@ -17,11 +18,6 @@ from cosim.model.scenario_file import PAPER, find_scenario
 if TYPE_CHECKING:
     from agent.experiments.results import ExperimentResult
 
-# Episodes of a scenario with paths in Fig. 9 or 12: the paper draws many of one robot on one
-# board, and few of a pair.
-SINGLE_EPISODES, PAIR_EPISODES = 6, 2
-# Training episodes of the sequel, of which the paper says nothing.
-SEQUEL_EPISODES = 2_000_000
 # Methods of the policies that drive them, from the same starts and noise: the paper's, and
 # the one that learns on moves observed in the co-simulation.
 DRIVEN_BY = ("paper", "moves")
@@ -39,7 +35,7 @@ class Result:
     proof: str = ""
     of: str = ""  # experiment or scenario, where the command makes several
     method: str = ""  # by which the policy of a run is made
-    arguments: tuple[str, ...] = ()  # of the command, without --out
+    arguments: tuple[str, ...] = ()  # of the command for the full amount, without --out
 
     def location(self, results: Path) -> Path:
         """Return its path in a results folder."""
@@ -72,7 +68,7 @@ def episodes_of(scenario: str, method: str) -> str:
 def _episodes(scenario: str, method: str) -> Result:
     folder, alone = f"episodes/{scenario}-{method}", find_scenario(scenario).robots == 1
     title = f"scenario {scenario} co-simulated, method {method} (Fig. {9 if alone else 12})"
-    count = str(SINGLE_EPISODES if alone else PAIR_EPISODES)
+    count = str(FULL.single_episodes if alone else FULL.pair_episodes)
     arguments = ("--scenario", scenario, "--method", method, "--episodes", count, "--jobs", "2")
     name = episodes_of(scenario, method)
     return Result(name, title, folder, "run", "summary.json", scenario, method, arguments)
