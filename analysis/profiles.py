@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from agent.training.settings import COMPARED, LearningConfig, MethodName
+from agent.training.settings import LearningConfig, MethodName
 from cosim.model.params import TIMING
 from cosim.model.scenario_file import PAPER
 
@@ -31,7 +31,7 @@ class Profile:
     # transfer_scenarios, transfer_methods: scenarios and training methods of the table of success
     # in co-simulation
     transfer_scenarios: tuple[str, ...] = tuple(PAPER)
-    transfer_methods: tuple[MethodName, ...] = COMPARED
+    transfer_methods: tuple[MethodName, ...] = ("moves", "paper")
     transfer_episodes: int = 50  # of every row of that table
 
     def episodes_of(self, experiment: str) -> int:
