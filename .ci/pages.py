@@ -5,10 +5,14 @@ its `command` measured. `<!--FILE:name-->` above a block of code has it from FIL
 lines `begin name` and `end name`. In rows of a table that begin with the number of an equation,
 links to sources lead to the line of its tag. `tests/test_numbers.py` fails on pages that this would
 change.
+
+With the claims.json of a report, `uv run python .ci/pages.py runs/reproduction/report/claims.json`,
+its verdicts become docs/results/claims.json, and so those of docs/paper.md.
 """
 
 import json
 import re
+import sys
 import textwrap
 from functools import reduce
 from pathlib import Path
@@ -24,6 +28,19 @@ def pages() -> list[Path]:
     """Return the Markdown files of the repository."""
     folders = ("", "docs/", "fmus/*/", "minirobots/")
     return sorted(file for folder in folders for file in ROOT.glob(f"{folder}*.md"))
+
+
+def keep_verdicts(report: Path) -> None:
+    """Write docs/results/claims.json: the verdicts of a report, by the beginnings of claims."""
+    rows = [row for row in json.loads(report.read_text("utf-8")) if row["figure"]]
+    if brief := [row["paper"] for row in rows if row["brief"]]:
+        raise SystemExit(f"{report}: brief results test no claim: {brief}")
+    kept = {"command": "uv run minirobots reproduce --out runs/reproduction"}
+    for row in rows:
+        name = re.sub(r"\W+", "-", row["paper"].partition(":")[0].lower())
+        kept[name] = re.sub(r"(not confirmed|cannot be tested)", r"**\1**", row["verdict"])
+    text = json.dumps(kept, ensure_ascii=False, indent=2)
+    (ROOT / "docs/results/claims.json").write_text(text + "\n", "utf-8")
 
 
 def number(file: str, key: str) -> str:
@@ -75,6 +92,8 @@ def plain(text: str) -> str:
 
 
 if __name__ == "__main__":
+    for report in sys.argv[1:]:
+        keep_verdicts(Path(report))
     for page in pages():
         before = page.read_text("utf-8")
         if (after := written(before)) != before:

@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from agent.training.settings import COMPARED, LearningConfig, MethodName
-from analysis.reading.results import PAIR_EPISODES, SEQUEL_EPISODES, SINGLE_EPISODES
+from agent.training.settings import LearningConfig, MethodName
 from cosim.model.params import TIMING
 from cosim.model.scenario_file import PAPER
+
+SEQUEL_EPISODES = 2_000_000  # of training; the sequel does not say its number
 
 
 @dataclass(frozen=True)
@@ -21,16 +22,16 @@ class Profile:
     # Episodes of the training, by method, of the policies that drive the co-simulated episodes; by
     # default the number of the method
     drive_episodes: Mapping[str, int] = field(default_factory=dict)
-    # single_episodes, pair_episodes: co-simulated and recorded episodes of every scenario, of one
-    # robot and of a pair
-    single_episodes: int = SINGLE_EPISODES
-    pair_episodes: int = PAIR_EPISODES
+    # single_episodes, pair_episodes: co-simulated, recorded episodes of every scenario with paths
+    # in Fig. 9 or 12, of one robot and of a pair: the paper draws many of one robot, few of a pair
+    single_episodes: int = 6
+    pair_episodes: int = 2
     # Simulated time after which such an episode ends as a time-out
     episode_limit_s: float = TIMING.episode_limit_s
     # transfer_scenarios, transfer_methods: scenarios and training methods of the table of success
     # in co-simulation
     transfer_scenarios: tuple[str, ...] = tuple(PAPER)
-    transfer_methods: tuple[MethodName, ...] = COMPARED
+    transfer_methods: tuple[MethodName, ...] = ("moves", "paper")
     transfer_episodes: int = 50  # of every row of that table
 
     def episodes_of(self, experiment: str) -> int:

@@ -5,7 +5,7 @@ paths driven by the clock, V-shaped steps, and how speeds depend on parameters. 
 kept in the cache: the same command resumes.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,7 +36,7 @@ from benchmarks.published.droplets import (
 from benchmarks.published.points import PATHS, SPEEDS
 from benchmarks.published.rows import Row, rows_of
 from cosim.base.command import Checked, File, Jobs, Seed
-from cosim.base.jobs import JobKind, Workers, run
+from cosim.base.jobs import Workers
 from cosim.base.plotting import save_figure
 from cosim.base.provenance import digest_of
 from cosim.base.reading import Kind, read_json
@@ -71,10 +71,10 @@ class Measurement:
     arguments: tuple[Any, ...]
 
     @property
-    def key(self) -> tuple[str, None]:
+    def key(self) -> str:
         """Hash of what decides the result: equal measurements have one."""
         parts = self.measure.__name__, self.config.unsourced, self.arguments
-        return digest_of(*parts, identity_of_fmu(cached_fmu()), VERSION), None
+        return digest_of(*parts, identity_of_fmu(cached_fmu()), VERSION)
 
     def result(self) -> Any:
         """Return the result as JSON has it."""
@@ -97,22 +97,19 @@ class _Cache:
         write_checksum(self._path(job))
 
     def _path(self, job: Measurement) -> Path:
-        return cache_dir("real-robots") / f"{job.key[0]}.json"
+        return cache_dir("real-robots") / f"{job.key}.json"
 
 
-def _measured(
-    jobs: Sequence[Measurement], threads: int, may_begin: Callable[[], bool]
-) -> Iterator[tuple[Measurement, Any]]:
+def make_missing(jobs: list[Measurement], cache: _Cache, threads: int) -> None:
+    """Make the measurements that the cache lacks, and keep each as it ends."""
+    missing = {job.key: job for job in jobs if cache.find(job) is None}
     with ThreadPoolExecutor(threads) as pool:
-        begun = {pool.submit(job.result): job for job in jobs if may_begin()}
+        begun = {pool.submit(job.result): job for job in missing.values()}
         try:
             for ended in as_completed(begun):
-                yield begun[ended], ended.result()
+                cache.keep(begun[ended], ended.result())
         finally:
             pool.shutdown(cancel_futures=True)
-
-
-MEASUREMENTS: JobKind[Measurement, Any] = JobKind(_measured, lambda job: job.key)
 
 
 def measure(options: Options) -> dict[str, list[Row]]:
@@ -141,10 +138,8 @@ def measure(options: Options) -> dict[str, list[Row]]:
         for variant in ((SHOWN,) if options.quick else VARIANTS)
     }
     jobs = [*speeds.values(), *slopes.values(), *paths.values(), *variants.values()]
-    jobs = [*{job.key: job for job in jobs}.values()]
     store = _Cache()
-    for _ in run(jobs, store, MEASUREMENTS, Workers(jobs=options.jobs), task="measuring"):
-        pass
+    make_missing(jobs, store, Workers(jobs=options.jobs).count)
     motions = {v: Motion(*map(np.array, store.find(job))) for v, job in variants.items()}
     robots = robot_rows(motions[SHOWN])
     options.figure.parent.mkdir(parents=True, exist_ok=True)

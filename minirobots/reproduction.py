@@ -4,21 +4,22 @@ Each stage runs the result's own command, keeps its own files, and could be run 
 in which order and lies where is `analysis.reading.results`, how much is done `analysis.profiles`.
 """
 
+import itertools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from agent.study.user import study
 from analysis.figures.draw import draw_figures
+from analysis.figures.style import figure_entries
 from analysis.profiles import Profile
-from analysis.reading.results import RESULTS, Result, figure_entries
+from analysis.reading.results import RESULTS, Result
 from analysis.report.page import write_report
 from analysis.timings import Timings
-from cosim.base.jobs import Workers
 from cosim.base.progress import Progress, silent
 from cosim.model.scenario_file import find_scenario
-from cosim.simulation.options import EpisodeOptions
 from minirobots.commands import class_of
+from minirobots.runner import parse
 
 
 def reproduce(
@@ -81,29 +82,30 @@ def _draw(out: Path, progress: Progress, say: Callable[[str], None]) -> None:
 
 
 def command_of(result: Result, results: Path, profile: Profile, seed: int, jobs: int) -> Any:
-    """Return the command that makes a result, with the amounts of a profile."""
-    settings: dict[str, Any] = {"out": result.location(results)}
+    """Return the command that makes a result: its own, with the amounts of a profile."""
+    amounts: dict[str, Any] = {"out": result.location(results)}
     match result.maker:
         case "calibrate":
-            settings |= {"jobs": jobs}
+            amounts |= {"jobs": jobs}
         case "run":
             alone = find_scenario(result.of).robots == 1
-            settings |= {
-                "scenario": result.of,
+            amounts |= {
                 "episodes": profile.single_episodes if alone else profile.pair_episodes,
-                "method": result.method,
-                "train_episodes": profile.drive_episodes.get(result.method),
-                "train_seed": seed,
+                "train-episodes": profile.drive_episodes.get(result.method),
+                "train-seed": seed,
+                "seed": seed,
+                "time-limit": profile.episode_limit_s,
                 "jobs": jobs,
-                "physics": EpisodeOptions(seed=seed, time_limit=profile.episode_limit_s),
             }
         case "experiments":
-            settings |= {
-                "experiment": result.of,
+            amounts |= {
                 "runs": profile.runs,
-                "seed": seed,
                 "episodes": profile.episodes_of(result.of),
-                "greedy_points": profile.greedy_points,
-                "where": Workers(jobs=jobs, backend="loky"),
+                "greedy-points": profile.greedy_points,
+                "seed": seed,
+                "jobs": jobs,
+                "backend": "loky",
             }
-    return class_of(result.maker)(**settings)
+    given = {f"--{name}": str(value) for name, value in amounts.items() if value is not None}
+    arguments = [*result.arguments, *itertools.chain(*given.items())]
+    return parse(class_of(result.maker), f"minirobots {result.maker}", arguments).options

@@ -12,10 +12,10 @@ import gymnasium
 import agent.envs  # noqa: F401 - which registers them
 from agent.training.methods import METHODS
 from analysis.figures import fig07
+from analysis.figures.style import figure_entries
 from analysis.motor.loop_options import StepTest
 from analysis.motor.step_test import record
 from analysis.reading.motor_test import read
-from analysis.reading.results import figure_entries
 from cosim.model.scenario_file import BUILT_IN
 from minirobots.commands import COMMANDS
 

@@ -71,7 +71,7 @@ def test_results_are_not_written_by_hand_on_other_pages():
     found = []
     for page in PAGES.values():
         for match in NUMBER.finditer(page):
-            text = match[3]
+            text = match[3] if match[1] != "claims" else ""  # words that any page may have
             if len(text) <= 5:  # a short value means something with its unit alone
                 unit = re.match(r" [^\s|.,;:)]+", page[match.end() :])
                 text = text + unit[0] if unit else ""

@@ -3,6 +3,7 @@
 Those that take minutes are marked slow.
 """
 
+import json
 import math
 import re
 import runpy
@@ -16,6 +17,8 @@ import minirobots as mr
 from agent.evaluation.statistics import interval_text, rate
 from agent.experiments.run import run_experiment
 from agent.experiments.variants import ExperimentOptions, variants_of
+from analysis.figures.learning import LEARNT
+from analysis.figures.style import verdict, verdicts
 from cosim.base.jobs import THREADS
 from cosim.calibration.measuring import find_calibration
 from cosim.machine.platform.motion import (
@@ -64,6 +67,22 @@ def test_intervals_of_counts():
     for place, reached in {"50 episodes of scenario 2,": 50, "3 (one training)": 50}.items():
         text = interval_text(rate(reached, 50), 1, 100.0).replace("100.0", "100")
         assert f"{text} % of {place}" in PAGE
+
+
+def test_verdicts_follow_from_the_published_numbers():
+    fig_10, transfer, sequel, said = (
+        json.loads((ROOT / "docs" / "results" / f"{name}.json").read_text("utf-8"))
+        for name in ("fig10", "transfer", "sequel", "claims")
+    )
+    plain = {name: text.replace("*", "") for name, text in said.items()}
+    lows = [
+        fig_10[name].replace("−", "-").split("[")[1].split(",")[0] for name in ("c1", "c2", "c5")
+    ]
+    assert plain["fig-10"] == verdict(all(float(low) > 0.0 for low in lows))
+    reached = {f"in {name}": transfer["paper"][name].startswith("100 ") for name in "234"}
+    assert plain["fig-12"] == verdicts(reached)
+    rates = [float(sequel[name].split()[0]) for name in ("4-ring", "4-cross")]
+    assert plain["the-sequel"] == verdict(min(rates) >= 100.0 * LEARNT)
 
 
 def test_targets_and_starts():

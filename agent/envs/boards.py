@@ -70,6 +70,7 @@ class EnvBoards(ABC):
         scenario: board, targets and start cells.
         shape: (K, N).
         arrays: results of the last step.
+        terms: of the rewards of the last step, (K, N) float64 by name; empty on the grid.
         observation_space, action_space: of one robot.
         reset_options: names of what `reset` takes of each board.
     """
@@ -90,6 +91,7 @@ class EnvBoards(ABC):
         self.observation_space, self.action_space = observation_space, action_space
         # without which a state means something else
         self._identity = rows, scenario, observation_space, *options
+        self.terms: dict[str, np.ndarray] = {}
         flags = [np.zeros(rows, dtype=bool) for _ in range(3)]
         size, kind = observation_space.shape or (), observation_space.dtype
         # none is running yet

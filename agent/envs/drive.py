@@ -10,23 +10,30 @@ share the lanes of one batch; every row is a robot, with the bits of the single 
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import combinations, starmap
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
-from agent.envs.dynamics import DynamicsBoards
+from agent.envs.dynamics import DynamicsBoards, Place
+from agent.envs.tasks import REACH_M, Driven, Interval, Task, is_free
 from agent.envs.views import RowsVectorEnv, SingleEnv
-from cosim.base.arguments import ConfigError, numbers, require_one_of, validate_argument
+from cosim.base.arguments import (
+    ConfigError,
+    imported,
+    numbers,
+    require_names,
+    require_one_of,
+    validate_argument,
+)
 from cosim.base.errors import shorten
 from cosim.base.jit import kernel
 from cosim.coupling.signals import Samples
 from cosim.model.config import CoSimConfig, whole_ratio
 from cosim.model.outcome import RUNNING, SUCCESS, TIMEOUT
 from cosim.model.params import TIMING, Positive
-from cosim.model.scenario import Scenario, touches_obstacle
+from cosim.model.scenario import Scenario
 from cosim.onboard.estimation import POSE
 from cosim.onboard.steering import DIRECT, HOLD, MODE, OMEGA_D
 from cosim.physics.body_state import X, Y, orientation_of, standing_state
@@ -37,28 +44,12 @@ from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.measures import Measures
 
 TIME_LIMIT_S = 120.0
-REACH_M = 0.2
-REACHED_M = 0.005
 _LENGTH_M = 0.1  # unit of positions in observations
 _LIMIT = 10.0  # bound of an observation
-_DRAWS = 1000  # of poses, before a board counts as too small
 _ROOT = 0.25  # a robot's speed grows with about the fourth power of its motors' speeds
-_END_REWARD = 10.0  # of an arrival, and of a failure with its sign changed; a cm of progress has 1
 _PERIOD_S = TIMING.control_period_s
 _NEW_DITHER = (0.0, 1.0)
 ACTIONS = ("velocity", "motors")
-
-
-class Driven(NamedTuple):
-    """Robots of K boards that are driven; float64, a row for each of the K · N."""
-
-    poses: np.ndarray  # (K N, 3) x, y in m and heading in rad, as the learner knows them
-    velocities: np.ndarray  # (K N, 3) see `cosim.simulation.driving.DriveObservation`
-    targets_m: np.ndarray  # (K N, 2)
-    away_m: np.ndarray  # (K N,) true distances from the targets
-    dither: np.ndarray  # (K N, 2) see `set_points`
-    # (K N, 5) of the episodes: µ, motor spread, restitution, slope in deg, payload in 10 g
-    worlds: np.ndarray
 
 
 @kernel
@@ -116,17 +107,18 @@ class DriveBoards(DynamicsBoards):
     Args:
         scenario: board and number of robots; starts and targets are drawn anywhere on it.
         action: "velocity" (ahead, and yaw rate) or "motors" (set points).
-        reward: "dense" or "sparse", see `DriveEnv`.
+        reward, reach: of the task of `Drive-v0`: "dense" or "sparse", see `DriveEnv`, and largest
+            distance of a target in m.
+        task: another one, or its "module:Name".
         observe: "true" poses, or "estimated" by the filter of the world's camera.
         context: observe friction, motor spread, restitution, slope and payload of the episode.
         control_interval: simulated time of a step in s.
-        reach: largest distance of a target in m.
         max_episode_steps: limit of steps, which cuts episodes as Gymnasium's `TimeLimit` does, in
             addition to the physics' `time_limit` (120 s).
         physics: see `agent.envs.dynamics.DynamicsBoards`.
     """
 
-    _mutable = (*DynamicsBoards._mutable, "_rows")
+    _mutable = (*DynamicsBoards._mutable, "_driven")
 
     def __init__(
         self,
@@ -139,6 +131,7 @@ class DriveBoards(DynamicsBoards):
         context: bool = False,
         control_interval: float = 0.1,
         reach: float = REACH_M,
+        task: Task | str | None = None,
         max_episode_steps: int | None = None,
         **physics: Any,
     ) -> None:
@@ -147,19 +140,23 @@ class DriveBoards(DynamicsBoards):
         require_one_of("observe", observe, ("true", "estimated"))
         self._context = validate_argument("context", context, bool)
         self._interval_s = validate_argument("control_interval", control_interval, Positive)
-        self._reach_m = validate_argument("reach", reach, Positive)
+        validate_argument("reach", reach, Positive)
         whole_ratio("control_interval", control_interval, "control_period_s", _PERIOD_S)
-        self._estimated = observe == "estimated"
-        self._calibrated, self._dense = action == "velocity", reward == "dense"
+        if task is not None and (reward, reach) != ("dense", REACH_M):
+            raise ConfigError("reward and reach have no effect with task; leave them out")
+        own = imported("task", task, "a Task") if isinstance(task, str) else task
+        if not isinstance(own, Task | None):
+            raise ConfigError(f"task = {shorten(own)} is not one; give an agent.envs.tasks.Task")
+        self._task = own or Task(reach, None if reward == "dense" else {"end": 1.0})
+        self._estimated, self._calibrated = observe == "estimated", action == "velocity"
         refuse_without_effect(physics, "where a learner drives", calibrated=self._calibrated)
         options = {"time_limit": TIME_LIMIT_S, **physics, "rl_step": control_interval}
-        super().__init__(count, scenario, options, max_episode_steps)
+        super().__init__(count, scenario, options, max_episode_steps, [*self._task.weights])
         self._identity = (*self._identity, observe)
-        timing, rows = self._config.timing, count * self.shape[1]
         step_ticks = self._config.periods_per_step * self._config.ticks_per_period
-        self._last_step = -(-self._config.ticks(timing.episode_limit_s) // step_ticks)
+        self._last_step = -(-self._config.ticks(self._config.timing.episode_limit_s) // step_ticks)
         sizes = ((3,), (3,), (2,), (), (2,), (5,))
-        self._rows = Driven._make(np.zeros((rows, *size)) for size in sizes)
+        self._driven = Driven._make(np.zeros((*self.shape, *size)) for size in sizes)
 
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
         motors = len(self._config.robot.motors)
@@ -168,71 +165,44 @@ class DriveBoards(DynamicsBoards):
         actions = size_of_action(self._config, self._calibrated)
         return observation, spaces.Box(-1.0, 1.0, (actions,), np.float32)
 
-    def _placement(self, starts: Any, targets: Any) -> Any:
-        return self._positions("starts", starts, 3), self._positions("targets", targets, 2)
+    def _placement(self, starts: Any, targets: Any) -> Place:
+        given = self._positions("starts", starts, 3), self._positions("targets", targets, 2)
+        # no robot's target cell is forbidden to the others: its centre is what counts here
+        scenario = replace(self.scenario, zone_is_obstacle=False)
+
+        def place(rng: np.random.Generator) -> tuple[Scenario, np.ndarray, Any]:
+            poses, targets_m = self._task.place(self.scenario, rng, *given)
+            return scenario, poses[:, :2] // scenario.cell_m, (poses, targets_m)
+
+        return place
 
     def _positions(self, name: str, values: Any, size: int) -> np.ndarray | None:
         if values is None:
             return None
         array = numbers(values, shape := (self.shape[1], size))
-        if array is None or not self._free(array[:, :2]):
+        if array is None or not is_free(self.scenario, array[:, :2]):
             raise ConfigError(
                 f"{name} = {shorten(values)} must be of shape {shape}, in m on the board, off "
                 "obstacles and further apart than a diameter"
             )
         return array
 
-    def _free(self, positions: np.ndarray, margin_m: float = 0.0) -> bool:
-        scenario, diameter_m = self.scenario, self.scenario.diameter_m
-        inside = (positions >= margin_m) & (positions <= np.array(scenario.size_m) - margin_m)
-        walls = scenario.walls * scenario.cell_m
-        touched = touches_obstacle(
-            positions[:, 0], positions[:, 1], (diameter_m / 2.0 + margin_m) ** 2, walls
-        )
-        gaps = starmap(math.dist, combinations(positions.tolist(), 2))
-        return bool(inside.all() and not np.any(touched)) and all(g > diameter_m for g in gaps)
-
-    def _draw_positions(self, rng: np.random.Generator, around: np.ndarray | None) -> np.ndarray:
-        """Return (N, 2) positions, uniform on the board, or on what of it is in reach of others."""
-        size_m = np.array(self.scenario.size_m)
-        reach_m = min(self._reach_m, math.hypot(*size_m))
-        for _ in range(_DRAWS):
-            drawn = rng.uniform(0.0, 1.0, (self.shape[1], 2))
-            if around is None:
-                positions = drawn * size_m
-            else:
-                away, angle = reach_m * np.sqrt(drawn[:, 0]), 2.0 * math.pi * drawn[:, 1]
-                positions = around + (away * sines_cosines(angle)[::-1]).T
-            if self._free(positions, REACHED_M):
-                return positions
-        raise ConfigError(
-            f"scenario {self.scenario.name}: {_DRAWS} draws found no places for its robots within "
-            f"reach = {self._reach_m:g} m; choose a larger reach, or give starts and targets"
-        )
-
-    def _draw(self, rng: np.random.Generator, placement: Any) -> tuple[Scenario, np.ndarray, Any]:
-        poses, targets_m = placement
-        if poses is None:
-            headings = rng.uniform(-math.pi, math.pi, self.shape[1])
-            poses = np.column_stack([self._draw_positions(rng, None), headings])
-        if targets_m is None:
-            targets_m = self._draw_positions(rng, poses[:, :2])
-        # no robot's target cell is forbidden to the others: its centre is what counts here
-        scenario = replace(self.scenario, zone_is_obstacle=False)
-        return scenario, poses[:, :2] // scenario.cell_m, (poses, targets_m)
-
     def _set_up(self, m: int, episode: RunningEpisode, placed: Any) -> None:
         poses, targets_m = placed
         episode.measures = Measures(poses[:, :2], poses[:, 2], _PERIOD_S)
-        where = slice(m * self.shape[1], (m + 1) * self.shape[1])
-        state, rows = self._batch.state, self._rows
-        for column, (x, y, angle) in enumerate(poses.tolist(), where.start):
+        state, columns = self._batch.state, range(m * self.shape[1], (m + 1) * self.shape[1])
+        for column, (x, y, angle) in zip(columns, poses.tolist(), strict=True):
             state.bodies[:, column] = standing_state(episode.config.robot, x, y, angle)
-        state.estimates[where, POSE : POSE + 3] = poses
+            state.estimates[column, POSE : POSE + 3] = x, y, angle
         begun = poses, 0.0, targets_m, 0.0, _NEW_DITHER, _world_of(episode.config)
-        for array, values in zip(rows, begun, strict=True):
-            array[where] = values
-        _locate(state.bodies, rows.targets_m, np.empty_like(rows.poses), rows.away_m)
+        for array, values in zip(self._driven, begun, strict=True):
+            array[m] = values
+        self._locate(np.empty_like(self._driven.poses))
+
+    def _locate(self, poses: np.ndarray) -> None:
+        """Write true poses (K, N, 3), and the distances from targets."""
+        flat = self._driven.targets_m.reshape(-1, 2), poses.reshape(-1, 3)
+        _locate(self._batch.state.bodies, *flat, self._driven.away_m.reshape(-1))
 
     def joint(self, actions: Any) -> np.ndarray:
         """See `EnvBoards.joint`."""
@@ -241,13 +211,16 @@ class DriveBoards(DynamicsBoards):
 
     def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
         """Drive for a control interval; see the base class."""
-        rows, batch, outcomes = self._rows, self._batch, self.arrays.outcomes
-        state, count, robots = batch.state, len(rows.poses), self.shape[1]
+        driven, batch, outcomes = self._driven, self._batch, self.arrays.outcomes
+        state, count, robots = batch.state, math.prod(self.shape), self.shape[1]
         running, moved = ~self.arrays.over, self.remaining()
-        before, before_m = rows.poses.copy(), rows.away_m.copy()
+        before = Driven._make(map(np.copy, driven))
         commands = state.commands[:count]
         speeds = set_points(
-            actions.reshape(count, -1), self._config, rows.dither, velocity=self._calibrated
+            actions.reshape(count, -1),
+            self._config,
+            driven.dither.reshape(-1, 2),
+            velocity=self._calibrated,
         )
         commands[:, OMEGA_D : OMEGA_D + speeds.shape[1]] = speeds
         commands[:, MODE] = np.where(moved.ravel(), DIRECT, HOLD)
@@ -256,41 +229,41 @@ class DriveBoards(DynamicsBoards):
             for m in np.flatnonzero(running).tolist():
                 own = slice(state.periods[m]), slice(m * robots, (m + 1) * robots)
                 episodes[m].measures.add(Samples._make(signal[own] for signal in samples))
-        _locate(state.bodies, rows.targets_m, rows.poses, rows.away_m)
+        self._locate(driven.poses)
         if self._estimated:
-            rows.poses[:] = state.estimates[:count, POSE : POSE + 3]
-        rows.velocities[:] = velocities(before, rows.poses, self._interval_s)
-        self._arrived |= (rows.away_m <= REACHED_M).reshape(self.shape)
+            driven.poses[:] = state.estimates[:count, POSE : POSE + 3].reshape(*self.shape, 3)
+        poses = before.poses.reshape(-1, 3), driven.poses.reshape(-1, 3)
+        driven.velocities[:] = velocities(*poses, self._interval_s).reshape(*self.shape, 3)
+        self._arrived |= self._task.arrived(driven)
         events = state.events[:count].reshape(self.shape)
         worst = events.max(axis=1)
         ends = np.where(self._arrived.all(axis=1) & (worst == RUNNING), SUCCESS, worst)
         ends[(ends == RUNNING) & (self._steps >= self._last_step)] = TIMEOUT
         outcomes[running] = ends[running]
         lost[running & (worst != RUNNING)] = True
-        gained = 1.0 * self._arrived - 1.0 * (events != RUNNING)
-        if self._dense:
-            rest = 0.1 * self._interval_s  # assumed: a second costs as much as a millimetre
-            progress_m = (before_m - rows.away_m).reshape(self.shape)
-            gained = 100.0 * progress_m - rest + _END_REWARD * gained
-        rewards[moved] = gained[moved]
+        step = Interval(before, driven, self._arrived, events != RUNNING, self._interval_s)
+        earned = self._task.terms(step)
+        require_names("task.weights.", self._task.weights, [*earned])
+        for name, weight in self._task.weights.items():
+            self.terms[name][:] = np.where(moved, weight * earned[name], 0.0)
+            rewards += self.terms[name]
 
     def _observed(self) -> tuple[np.ndarray, np.ndarray]:
-        rows, state, robots = self._rows, self._batch.state, self.shape[1]
+        state, count, robots = self._batch.state, math.prod(self.shape), self.shape[1]
         motors = state.set_points.shape[0]
-        speeds = state.outputs[motors : 2 * motors, : len(rows.poses)].T
-        poses = rows.poses, rows.velocities, speeds, rows.targets_m
-        motion = DriveObservation(*poses, self.scenario, self._config, {})
-        observations = observed(motion, robots, rows.worlds if self._context else None)
+        speeds = state.outputs[motors : 2 * motors, :count].T
+        poses, moving, targets_m, *_, worlds = (a.reshape(count, -1) for a in self._driven)
+        motion = DriveObservation(poses, moving, speeds, targets_m, self.scenario, self._config, {})
+        observations = observed(motion, robots, worlds if self._context else None)
         return observations.reshape(*self.shape, -1), ~self._arrived
 
     def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
         """See `EnvBoards.scenes`."""
         self._episodes()  # refuses before the first
-        positions = self._rows.poses[:, :2].reshape(*self.shape, 2)
-        cells = (self._rows.targets_m // self.scenario.cell_m).astype(int).reshape(*self.shape, 2)
+        cells = (self._driven.targets_m // self.scenario.cell_m).astype(int)
         targets = [tuple((x, y) for x, y in board) for board in cells.tolist()]
         scenes = (replace(self.scenario, targets=of_board) for of_board in targets)
-        return list(zip(scenes, positions, strict=True))
+        return list(zip(scenes, self._driven.poses[..., :2], strict=True))
 
 
 class DriveVectorEnv(RowsVectorEnv):
@@ -312,8 +285,8 @@ class DriveVectorEnv(RowsVectorEnv):
       and at `max_episode_steps`, also robots that arrived or failed in that step, as Gymnasium's
       `TimeLimit` has it.
     - Restart: a board begins again in the step after its end, all its robots (next-step autoreset).
-    - Infos: (R,) arrays: `outcome`, `is_success`, `path_length`, `active` as of `DriveEnv`.
-      Gymnasium's masks `_outcome` and so on are True in every row.
+    - Infos: (R,) arrays as of `DriveEnv`. Gymnasium's masks `_outcome` and so on are True in every
+      row.
     - Options of `reset`: `starts`, (K, N, 3), `targets`, (K, N, 2), `mu`, (K,), as of `DriveEnv`;
       `reset_mask`, (K,) bool, boards to begin again, whose seeds alone are used.
     - Arguments: `num_envs` and `ends` as above, those of `DriveBoards` and of `View`.
@@ -347,7 +320,8 @@ class DriveEnv(SingleEnv):
       an obstacle.
     - Truncation: after `max_episode_steps` (of the id 1200), whatever else that step has, or
       `time_limit` (120 s of simulated time).
-    - Infos: as of `agent.envs.navigation.NavigationEnv`.
+    - Infos: as of `agent.envs.navigation.NavigationEnv`; the terms of the dense reward are
+      `reward_progress`, `reward_time` and `reward_end`, that of the sparse one is the last.
     - Options of `reset`: `starts`, [[x, y, heading]] in m and rad, by default anywhere on it;
       `targets`, [[x, y]] in m, by default within `reach` (0.2 m) of the start; `mu`, friction
       coefficient of the floor, for this episode.

@@ -6,7 +6,7 @@ the grid are in `agent.envs.boards`, those with commanded motors in `agent.envs.
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from agent.envs.boards import (
 from agent.mdp.config import ProcessConfig, refuse_without_effect
 from agent.mdp.greedy import on_grid
 from agent.mdp.grid import X, Y
-from agent.mdp.interpretations import Process, build_process
+from agent.mdp.interpretations import build_process
 from agent.mdp.rewards import failed, reward_parts
 from agent.moves.worlds import checked_ranges, draw_world
 from cosim.base.arguments import ConfigError, require_one_of, validate_argument
@@ -37,9 +37,13 @@ from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
 from cosim.model.world import IDEAL
 from cosim.onboard.observing import draw_starts
+from cosim.recording.series import REWARD_PARTS
 from cosim.simulation.batch import Batch, shared
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import options_of, resolve
+
+# Draws what a reset left open: scenario, (N, 2) cells, and what `DynamicsBoards._set_up` takes.
+Place = Callable[[np.random.Generator], tuple[Scenario, np.ndarray, Any]]
 
 
 class DynamicsBoards(EnvBoards):
@@ -51,6 +55,7 @@ class DynamicsBoards(EnvBoards):
         physics: options by the names of `cosim.simulate`, and `worlds`, ranges to draw a world from
             in every episode.
         limit: of steps, which cuts episodes; None for none.
+        terms: names of the terms of the reward.
     """
 
     reset_options = ("starts", "targets", "mu")
@@ -63,6 +68,7 @@ class DynamicsBoards(EnvBoards):
         scenario: str | Path | Scenario,
         physics: Mapping[str, Any],
         limit: int | None,
+        terms: Iterable[str],
     ) -> None:
         validate_argument("num_envs", count, Count)  # before anything is measured
         self._limit = validate_argument("max_episode_steps", limit, Count | None) or math.inf
@@ -85,6 +91,7 @@ class DynamicsBoards(EnvBoards):
         self._seeds = [np.random.SeedSequence() for _ in range(count)]
         self._steps = np.zeros(count, dtype=np.int64)  # of the episode
         self._arrived: np.ndarray = np.zeros(self.shape, dtype=bool)
+        self.terms = {name: np.zeros(self.shape) for name in terms}
 
     @abstractmethod
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
@@ -98,7 +105,7 @@ class DynamicsBoards(EnvBoards):
 
     def _checked(
         self, *, mu: float | None = None, starts: Any = None, targets: Any = None
-    ) -> tuple[float | None, Any]:
+    ) -> tuple[float | None, Place]:
         if mu is not None:
             if self._config.shield:
                 raise ConfigError(
@@ -111,20 +118,25 @@ class DynamicsBoards(EnvBoards):
         return mu, self._placement(starts, targets)
 
     @abstractmethod
-    def _placement(self, starts: Any, targets: Any) -> Any:
-        """Return what `_draw` takes, of starts and targets that a user gave, or None each."""
+    def _placement(self, starts: Any, targets: Any) -> Place:
+        """Return what places robots, from starts and targets that a user gave, or None each."""
 
-    def _begin(self, given: dict[int, tuple[float | None, Any]]) -> None:
-        for m, (mu, placement) in given.items():
-            self._begin_board(m, mu, placement)
+    def _begin(self, given: dict[int, tuple[float | None, Place]]) -> None:
+        for m, (mu, place) in given.items():
+            self._begin_board(m, mu, place)
+        self._clear_terms()
         none = np.zeros(self.shape, dtype=bool)
         self._publish(np.zeros(self.shape), none, none)
 
-    def _begin_board(self, m: int, mu: float | None, placement: Any) -> None:
+    def _clear_terms(self) -> None:
+        for values in self.terms.values():
+            values[:] = 0.0
+
+    def _begin_board(self, m: int, mu: float | None, place: Place) -> None:
         """Begin an episode on board m, in a drawn world if worlds are drawn."""
         positions, noise = self._seeds[m].spawn(2)
         rng, config = np.random.default_rng(positions), self._config
-        scenario, cells, placed = self._draw(rng, placement)
+        scenario, cells, placed = place(rng)
         if self._worlds is not None:  # steering keeps its calibration, as in drawn worlds
             side = max(self.scenario.columns, self.scenario.rows)
             config = config.in_world(draw_world(self._worlds, side, side // 2, rng))
@@ -136,10 +148,6 @@ class DynamicsBoards(EnvBoards):
         self._set_up(m, self._batch.begin(m, scenario, starts, noise, config), placed)
 
     @abstractmethod
-    def _draw(self, rng: np.random.Generator, placement: Any) -> tuple[Scenario, np.ndarray, Any]:
-        """Draw what `_placement` left open: scenario, (N, 2) cells, and what `_set_up` takes."""
-
-    @abstractmethod
     def _set_up(self, m: int, episode: RunningEpisode, placed: Any) -> None:
         """Prepare board m for an episode that has begun."""
 
@@ -148,6 +156,7 @@ class DynamicsBoards(EnvBoards):
         outcomes, over, moved = self.arrays.outcomes, self.arrays.over, self.remaining()
         running = ~over
         rewards, lost = np.zeros(self.shape), np.zeros(self.shape, dtype=bool)
+        self._clear_terms()
         self._steps += running
         if running.any():
             self._advance(actions, rewards, lost)
@@ -166,7 +175,7 @@ class DynamicsBoards(EnvBoards):
         """Simulate a step of the boards that are not over by (K, N, ...) actions.
 
         Args:
-            rewards: (K, N), zeros that get the rewards of the step.
+            rewards: (K, N), zeros that get the rewards of the step, as `terms` gets their terms.
             lost: (K, N) bool, gets the robots that failed.
         """
 
@@ -194,6 +203,10 @@ class DynamicsBoards(EnvBoards):
     def path_length_cm(self) -> np.ndarray:
         """See `EnvBoards.path_length_cm`."""
         return 100.0 * np.array([episode.measures.path_length_m for episode in self._episodes()])
+
+    def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
+        """See `EnvBoards.scenes`."""
+        return [(episode.scenario, episode.positions_m) for episode in self._episodes()]
 
     def close(self) -> None:
         """See `EnvBoards.close`."""
@@ -225,7 +238,7 @@ class CoSimBoards(DynamicsBoards):
         require_one_of("decision", decision := options.pop("decision"), ("arrival", "period"))
         refuse_without_effect(config, "the co-simulation")
         self._until_arrival, self._process = decision == "arrival", config
-        super().__init__(count, scenario, options, limit)
+        super().__init__(count, scenario, options, limit, REWARD_PARTS)
         self._features = np.array(observed_columns(self.scenario, config))
         self._usual = build_process(self.scenario, config)
         self._processes = [self._usual] * count
@@ -233,25 +246,24 @@ class CoSimBoards(DynamicsBoards):
     def _spaces(self) -> tuple[spaces.Space, spaces.Space]:
         return direction_spaces(self.scenario, self._process)
 
-    def _placement(self, starts: Any, targets: Any) -> Any:
+    def _placement(self, starts: Any, targets: Any) -> Place:
         scenario, process = self.scenario, self._usual
         if targets is not None:
             aims = whole_cells("targets", targets, (scenario.robots, 2))
             scenario = replace(scenario, targets=tuple((int(x), int(y)) for x, y in aims))
             process = build_process(scenario, self._process)
-        cells = None if starts is None else placed_world(process, starts)[:, [X, Y]]
-        return scenario, cells, process
+        given = None if starts is None else placed_world(process, starts)[:, [X, Y]]
 
-    def _draw(
-        self, rng: np.random.Generator, placement: Any
-    ) -> tuple[Scenario, np.ndarray, Process]:
-        scenario, cells, process = placement
-        if cells is None:
-            cells = np.array(draw_starts(scenario, rng))
-            placed_world(process, cells)  # refuses some
-        return scenario, cells, process
+        def place(rng: np.random.Generator) -> tuple[Scenario, np.ndarray, Any]:
+            cells = given
+            if cells is None:
+                cells = np.array(draw_starts(scenario, rng))
+                placed_world(process, cells)  # refuses some
+            return scenario, cells, process
 
-    def _set_up(self, m: int, episode: RunningEpisode, placed: Process) -> None:
+        return place
+
+    def _set_up(self, m: int, episode: RunningEpisode, placed: Any) -> None:
         self._processes[m] = placed
 
     def _advance(self, actions: np.ndarray, rewards: np.ndarray, lost: np.ndarray) -> None:
@@ -262,8 +274,10 @@ class CoSimBoards(DynamicsBoards):
                 outcomes[m] = BY_RANK.index(step.outcome)
                 self._arrived[m] = arrived = episodes[m].arrived
                 lost[m] = failed(step, arrived)
-                parts = reward_parts(self._processes[m], step, arrived)
-                rewards[m] += np.nan_to_num(parts.sum(axis=1))
+                parts = np.nan_to_num(reward_parts(self._processes[m], step, arrived))
+                rewards[m] += parts.sum(axis=1)
+                for name, part in zip(REWARD_PARTS, parts.T, strict=True):
+                    self.terms[name][m] += part
             if not self._until_arrival or episodes[0].awaiting.any():
                 break
 
@@ -285,7 +299,3 @@ class CoSimBoards(DynamicsBoards):
             x, y = (episode.observation.cells.clip(-1, last) + 1).T
             masks.append(free_directions(process)[robots, x, y])
         return np.array(masks)
-
-    def scenes(self) -> list[tuple[Scenario, np.ndarray]]:
-        """See `EnvBoards.scenes`."""
-        return [(episode.scenario, episode.positions_m) for episode in self._episodes()]

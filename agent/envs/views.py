@@ -81,6 +81,8 @@ class View:
             "path_length": self._boards.path_length_cm().ravel(),
             "active": arrays.active.flatten(),
         }
+        for name, values in self._boards.terms.items():
+            infos[f"reward_{name.replace(' ', '_')}"] = values.flatten()
         if self._outcome_names:
             infos["outcome_name"] = _NAMES[ranks]
         return observations, arrays.rewards.flatten(), *ends, infos

@@ -80,11 +80,11 @@ def run_episodes(
     facts = {k: v for k, v in structs.asdict(summary).items() if k not in _NO_FACTS}
     _refuse_other_results(out, summary, policy)
     policy.save(out / "policy.npz")
-    recorded = options.record != "none"
-    if options.record != "none":
-        warn_of_size(config, options.record, len(sampled_of(scenario.robots, options.signals)))
-    if recorded and log is not None:
-        write_training(out / "training.rrd", policy, log, facts)
+    level, sampled = options.record, sampled_of(scenario.robots, options.signals)
+    if level != "none":
+        warn_of_size(config, level, len(sampled))
+        if log is not None:
+            write_training(out / "training.rrd", policy, log, facts)
 
     def task(number: int) -> Task:
         starts, noise_seed = draw_episode(scenario, options.seed, number)
@@ -96,10 +96,9 @@ def run_episodes(
             progress(f"episode {number}", episode.time_s, total, state)
 
         record = None
-        if options.record != "none":
+        if level != "none":
             of_episode = facts | {"episode": number, "starts": starts}
-            record = Record(out / recording_of(number), of_episode, options.record, viewer)
-        sampled = sampled_of(scenario.robots, options.signals)
+            record = Record(out / recording_of(number), of_episode, level, viewer)
         how = starts, noise_seed, record, watch, driver, sampled
         return Task(scenario, fmu, config, policy, *how)
 
@@ -109,7 +108,7 @@ def run_episodes(
     ended: dict[int, EpisodeResult] = {}
     results: list[EpisodeResult] = []
     for number, result in simulate_tasks(tasks, threads):
-        name = recording_of(number) if recorded else None
+        name = None if level == "none" else recording_of(number)
         ended[number] = structs.replace(result, recording=name)
         while len(results) in ended:
             results.append(ended[len(results)])

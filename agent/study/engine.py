@@ -15,10 +15,10 @@ from agent.evaluation.rows import Failure, Row, measures, text_of
 from agent.mdp.greedy import GreedyPolicy
 from agent.study.options import Sampling
 from agent.study.policies import is_trained, policy_of
-from agent.study.store import EpisodeStore
+from agent.study.store import EpisodeStore, simulate_missing
 from cosim.base.arguments import ConfigError, to_plain
 from cosim.base.errors import UserError, shorten
-from cosim.base.jobs import JobKind, Workers, always, run
+from cosim.base.jobs import Workers, always
 from cosim.base.progress import Progress, silent
 from cosim.model.outcome import Outcome
 from cosim.model.scenario import Scenario
@@ -27,15 +27,8 @@ from cosim.model.world import World
 from cosim.simulation.driving import needs_calibration, options_for
 from cosim.simulation.options import options_of, resolve
 from cosim.simulation.result import EpisodeResult
-from cosim.simulation.tasks import compile_kernels
 
 _LOGGER = logging.getLogger(__name__)
-EPISODES: JobKind[Job, EpisodeResult] = JobKind(
-    run_jobs,
-    batch=lambda job: job.task().batch_key,
-    succeeded=lambda result: result.outcome == Outcome.SUCCESS,
-    prepare=lambda jobs, threads: compile_kernels(jobs[0].task(), len(jobs), threads),
-)
 # Options that are taken before those of the physics, for messages about unknown ones.
 _OF_STUDY = [f.name for kind in (Sampling, Workers) for f in fields(kind) if f.name != "where"]
 
@@ -226,7 +219,7 @@ def measure(
         )
     how: dict[str, Any] = {"where": where, "progress": progress}
     together = [Job(line.case, k) for line in lines if line.claim is None for k in line.indices]
-    for _ in run(together, store, EPISODES, may_begin=may_begin, **how):
+    for _ in simulate_missing(together, store, may_begin=may_begin, **how):
         pass
     for line in lines:
         if line.claim is not None:
@@ -286,7 +279,7 @@ def _decide(
         jobs = [Job(line.case, k) for k in line.indices[: judged.enough]]
         if all(map(store.find, jobs)):
             return
-        for _, result in run(jobs, store, EPISODES, may_begin=undecided, **how):
+        for _, result in simulate_missing(jobs, store, may_begin=undecided, **how):
             if result.outcome in claim.against:
                 judged = judge()
         judged = judge()

@@ -10,10 +10,10 @@ from typing import Any
 from agent.mdp.config import ProcessConfig
 from agent.mdp.greedy import GreedyPolicy
 from agent.mdp.interpretations import Process, build_process
-from agent.training.methods import METHODS, Method, find_method, imported, method_config
+from agent.training.methods import METHODS, Method, find_method, method_config
 from agent.training.policy import load_policy
 from agent.training.store import find_or_make
-from cosim.base.arguments import ConfigError, require_names, validate_argument
+from cosim.base.arguments import ConfigError, imported, require_names, validate_argument
 from cosim.base.errors import failure, shorten
 from cosim.base.progress import Progress, silent
 from cosim.base.provenance import digest_of, identity_of

@@ -1,23 +1,28 @@
 """Episodes on disk: rows of one SQLite file in a folder, each added as its episode ends.
 
-Jobs return their rows to the process that began them, which alone writes the file.
+Those that are missing are simulated, here or elsewhere. Their results return to the process that
+began them, which alone writes the file.
 """
 
 import contextlib
 import logging
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from agent.evaluation.cases import Case, Job
+from agent.evaluation.cases import Case, Job, run_jobs
 from cosim.base.errors import FileError
+from cosim.base.jobs import Workers, always
+from cosim.base.progress import Progress, silent, under_way
 from cosim.base.reading import Kind, parsing, require_file
 from cosim.base.table import write_parquet
+from cosim.model.outcome import Outcome
 from cosim.simulation.result import EpisodeResult
+from cosim.simulation.tasks import compile_kernels
 
 FILE = "results.sqlite"
 _KIND = Kind("file of results", "move it away or choose another --out")
@@ -26,6 +31,8 @@ _TABLES = """
     CREATE TABLE IF NOT EXISTS episodes
         (digest TEXT, start INTEGER, result TEXT, PRIMARY KEY (digest, start)) WITHOUT ROWID;
 """
+_GROUP = 32  # episodes, at most, that travel to another process together
+_GROUPS = 4  # at least, for each worker, so that none waits long for the last one
 _WAIT_S = 60.0  # for another process that writes at the same moment
 _LOGGER = logging.getLogger(__name__)
 
@@ -81,6 +88,66 @@ class EpisodeStore:
             file.executescript(_TABLES)
             file.execute("INSERT OR IGNORE INTO cases VALUES (?, ?)", (job.key[0], identity))
             file.execute("INSERT OR REPLACE INTO episodes VALUES (?, ?, ?)", (*job.key, result))
+
+
+def simulate_missing(
+    jobs: Iterable[Job],
+    store: EpisodeStore,
+    where: Workers,
+    *,
+    may_begin: Callable[[], bool] = always,
+    progress: Progress = silent,
+) -> Iterator[tuple[Job, EpisodeResult]]:
+    """Simulate the episodes that a store lacks, and keep each at once.
+
+    Args:
+        jobs: wanted, the most important ones first; those of one `key` are simulated once.
+
+    Yields:
+        The jobs that were missing and their results, as they end.
+    """
+    missing = {job.key: job for job in jobs if store.find(job) is None}
+    todo, total, successes = list(missing.values()), len(missing), 0
+    if not todo:
+        return
+    if where.backend != "threads":
+        ended = _elsewhere(todo, where, may_begin)
+    else:
+        if may_begin():
+            with under_way(progress, "preparing the kernels"):
+                compile_kernels(todo[0].task(), total, where.count)
+        ended = run_jobs(todo, where.count, may_begin)
+    for count, (job, result) in enumerate(ended, 1):
+        store.keep(missing[job.key], result)
+        yield missing[job.key], result
+        successes += result.outcome == Outcome.SUCCESS
+        progress("episodes", count, total, f"{count}/{total}  success {successes / count:.1%}")
+
+
+def _elsewhere(
+    jobs: Sequence[Job], where: Workers, may_begin: Callable[[], bool]
+) -> Iterator[tuple[Job, EpisodeResult]]:
+    """Simulate groups of episodes that share batches in other processes or on other machines."""
+    from cosim.base.backends import sweep  # noqa: PLC0415 - joblib is slow to import
+
+    together: dict[Hashable, list[Job]] = {}
+    for job in jobs:
+        together.setdefault(job.task().batch_key, []).append(job)
+    size = max(1, min(_GROUP, -(-len(jobs) // (_GROUPS * where.count))))
+    groups = [
+        some[first : first + size]
+        for some in together.values()
+        for first in range(0, len(some), size)
+    ]
+    for number, rows in sweep(_simulated, groups, where, may_begin):
+        for place, row in rows:
+            yield groups[number][place], row
+
+
+def _simulated(group: list[Job]) -> list[tuple[int, EpisodeResult]]:
+    """Results of a group of episodes by their places in it; in a worker."""
+    places = {job.key: place for place, job in enumerate(group)}
+    return [(places[job.key], result) for job, result in run_jobs(group, 1)]
 
 
 @contextlib.contextmanager

@@ -11,8 +11,6 @@ moves, again at every decision (`agent.moves.group`).
 `learner` and `computed` register further methods, see CONTRIBUTING.md.
 """
 
-import importlib
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -44,6 +42,7 @@ from agent.training.rules import double_q, q_learning
 from agent.training.settings import LearningConfig, MethodName
 from cosim.base.arguments import (
     ConfigError,
+    imported,
     numbers,
     require_names,
     unknown,
@@ -296,24 +295,6 @@ def _registered(
         fields["settings"] = checked
     METHODS[name] = method = Method(name, how, **fields)
     return method
-
-
-def imported(what: str, name: str, kind: str) -> Any:
-    """Return the object "module:Name" of this folder or an installed module, or one of its class.
-
-    `what` it is, and the `kind` of objects that are expected, are named where that fails.
-    """
-    module, _, attribute = name.partition(":")
-    if str(Path.cwd()) not in sys.path:
-        sys.path.append(str(Path.cwd()))
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-        return found() if isinstance(found, type) else found
-    except (Exception, SystemExit) as error:  # whatever a user's module does
-        raise ConfigError(
-            f"{what} = {name!r} cannot be imported ({error!r}); name MODULE:NAME of {kind}, in a "
-            "module of this folder or an installed one"
-        ) from error
 
 
 def find_method(name: "str | Method") -> Method:

@@ -18,7 +18,6 @@ from cosim.base.reading import Kind, naming, read_toml
 
 # Those of `agent.training.methods.METHODS` that are not a user's.
 MethodName = Literal["paper", "double_q", "moves", "shortest", "fastest", "planned"]
-COMPARED: tuple[MethodName, ...] = ("moves", "paper")  # in the study of transfer
 MAX_POINTS = 10**7
 _Rate = Annotated[float, msgspec.Meta(gt=0, le=1)]
 

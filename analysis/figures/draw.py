@@ -1,17 +1,16 @@
 """Every figure of the project, drawn from a results folder.
 
-`analysis/reading/figures.toml` lists them; where results lie, and which command makes them, is said
-in `analysis.reading.results`. Nothing is simulated here.
+Where results lie, and which command makes them, is said in `analysis.reading.results`. Nothing is
+simulated here.
 """
 
 from collections.abc import Iterable
-from importlib import import_module
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from analysis.figures.style import Caption, save, write_caption
-from analysis.reading.results import figure_entries, missing
+from analysis.figures.style import Caption, figure_entries, save, write_caption
+from analysis.reading.results import missing
 from cosim.base.errors import UserError
 from cosim.base.plotting import save_figure, styled
 from cosim.base.progress import Progress, silent
@@ -38,13 +37,13 @@ def draw_figures(
     wanted = list(dict.fromkeys(names))
     for number, name in enumerate(wanted):
         progress("drawing figures", number, len(wanted), name)
-        if needed := missing(name, results):
+        entry = figure_entries()[name]
+        if needed := missing(entry.inputs, results):
             commands = "; ".join(f"`{result.command(results)}`" for result in needed)
             lacking[name] = f"run {commands} first"
             continue
         try:
-            module, _, function = figure_entries()[name].draw.partition(":")
-            drawing = getattr(import_module(f"analysis.figures.{module}"), function)(results)
+            drawing = entry.draw(results)
         except UserError as error:
             lacking[name] = str(error)
             continue

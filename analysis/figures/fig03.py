@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.style import UNTESTED, WIDTH_IN, Drawing, verdict
+from analysis.figures.style import UNTESTED, WIDTH_IN, Drawing, figure, verdict
 from analysis.reading.results import RESULTS
 from cosim.base.colours import BLACK, BLUE, GREY, VERMILION
 from cosim.calibration.speed_map import load_calibration
@@ -104,6 +104,21 @@ def drawing_of(result: PlatformResult, drive: str = "") -> Drawing:
     )
 
 
+@figure(
+    "fig03",
+    "Motion of the 1-DOF platform over turns of the motor (left), in one turn (middle), and "
+    "driving force next to the friction that holds (right)",
+    claim=(
+        "above a critical motor speed the platform slides, and in one turn it exhibits a net "
+        "displacement that depends on the motor speed."
+    ),
+    claims=(
+        "Sec. II-B: slip above a critical speed, “net displacement per cycle”, “micrometer "
+        "positioning”",
+        "Fig. 3: steps of 0.29 mm",
+    ),
+    inputs=("platform",),
+)
 def make(results: Path) -> Drawing:
     """Draw the figure of a results folder."""
     result, drive = PlatformResult.load(RESULTS["platform"].location(results)), ""

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from analysis.figures.style import WIDTH_IN, Drawing
+from analysis.figures.style import WIDTH_IN, Drawing, figure
 from cosim.base.colours import GREY, robot_colour
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import AMONG_OBSTACLES, IN_GROUPS, PAPER, find_scenario
@@ -77,6 +77,15 @@ def _draw_robots(axes: Axes, scenario: Scenario) -> None:
     axes.set(xlim=(-radius_cm, width + radius_cm), ylim=(-radius_cm, height + radius_cm))
 
 
+@figure(
+    "fig05",
+    "Scenarios by columns and rows of cells: start cells (light), each robot at one of them, "
+    "targets with their cells (full colour) and the central zone (grey)",
+    claim=(
+        "30 × 30 cm, a zone of 7 × 7 cm at the centre, targets in single cells on its border, "
+        "starts on the sides of the board."
+    ),
+)
 def make(results: Path) -> Drawing:
     """Draw the paper's scenarios; no result is needed."""
     scenarios = [find_scenario(name) for name in PAPER]
@@ -96,6 +105,10 @@ def make(results: Path) -> Drawing:
     )
 
 
+@figure(
+    "obstacles",
+    "Scenarios with obstacles (dark), start cells (light), targets (full colour)",
+)
 def among_obstacles(results: Path) -> Drawing:
     """Draw the built-in scenarios with obstacles; no result is needed."""
     scenarios = [find_scenario(name) for name in AMONG_OBSTACLES]
@@ -104,6 +117,10 @@ def among_obstacles(results: Path) -> Drawing:
     return Drawing(_draw(scenarios), ours, {"closed_cells": closed})
 
 
+@figure(
+    "groups",
+    "Scenarios of groups: start cells (light) and target (full colour) of each robot",
+)
 def in_groups(results: Path) -> Drawing:
     """Draw the built-in scenarios of four and six robots; no result is needed."""
     scenarios = [find_scenario(name) for name in IN_GROUPS]

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Rectangle
 
-from analysis.figures.style import Drawing
+from analysis.figures.style import Drawing, figure
 from cosim.base.colours import BLACK, BLUE, GREEN, GREY, VERMILION
 from cosim.base.plotting import styled
 from cosim.calibration.primitives import Primitive, able
@@ -127,6 +127,11 @@ def _path(primitive: Primitive, reach_m: float) -> np.ndarray:
     return np.column_stack([front.real, front.imag])
 
 
+@figure(
+    "fig04",
+    "The robot from above and from its right side, to scale: feet A, B, C and motors D, E",
+    claim="three contact points and two vibration motors, at φ = 90° and −90°.",
+)
 def fig04(results: Path) -> Drawing:
     """Draw the paper's robot; no result is needed."""
     robot = TABLE_I

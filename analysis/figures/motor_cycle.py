@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from analysis.figures.style import WIDTH_IN, Drawing
+from analysis.figures.style import WIDTH_IN, Drawing, figure
 from analysis.reading.findings import sliding
 from analysis.reading.results import recordings
 from cosim.base.colours import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION
@@ -208,6 +208,16 @@ def drawing_of(cycle: Cycle) -> Drawing:
     )
 
 
+@figure(
+    "motor_cycle",
+    "Robot {robot} driving at {time_s:.3f} s of a recorded episode of scenario 2, every tick "
+    "of one turn of its motors",
+    claim=(
+        "above a critical motor speed the forces of the eccentric masses overcome friction at the "
+        "contact points, and the robot slides (it has no such figure)."
+    ),
+    inputs=("episodes_2_moves",),
+)
 def make(results: Path) -> Drawing:
     """Draw the figure of a results folder."""
     return drawing_of(find_cycle(read_episode(recordings("episodes_2_moves", results)[0])))

@@ -14,7 +14,7 @@ from agent.evaluation.rows import Row
 from agent.evaluation.statistics import interval_text
 from agent.study.report import Report
 from analysis.figures.fig05 import draw_board
-from analysis.figures.style import UNTESTED, WIDTH_IN, Drawing, verdict, verdicts
+from analysis.figures.style import UNTESTED, WIDTH_IN, Drawing, figure, verdict, verdicts
 from analysis.reading.inspection import path_length_m
 from analysis.reading.results import DRIVEN_BY, RESULTS, episodes_of, read_result, recordings
 from cosim.base.colours import BLACK, GREY, robot_colour
@@ -25,6 +25,10 @@ from cosim.recording.reader import read_episode
 SINGLE, PAIRS = ("1a", "1b"), ("2", "3", "4")
 MARK_S = 10.0  # simulated time between two marks on a path
 STYLES: dict[str, str] = dict(zip(DRIVEN_BY, (":", "-"), strict=True))  # of distances over time
+
+
+def _needed(scenarios: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(episodes_of(name, method) for method in DRIVEN_BY for name in scenarios)
 
 
 class Track(NamedTuple):
@@ -53,6 +57,16 @@ def read_track(path: Path) -> Track:
     )
 
 
+@figure(
+    "fig09",
+    "Paths of one robot, {style}",
+    claim=(
+        "after learning, short (sub-optimal) paths lead to the target from any random start of a "
+        "relatively large grid."
+    ),
+    claims=("Fig. 9: paths of one robot",),
+    inputs=_needed(SINGLE),
+)
 def fig09(results: Path) -> Drawing:
     """Draw paths of one robot: all episodes of a scenario on one board, a method in each row."""
     tracks = _read(results, SINGLE)
@@ -69,6 +83,17 @@ def fig09(results: Path) -> Drawing:
     return _drawing(figure, tracks, _judged(SINGLE, results))
 
 
+@figure(
+    "fig12",
+    "Paths of pairs in the first episode, and the distance of their centres in all (dotted: "
+    "paper, solid: moves; line at 5 cm: contact), {style}",
+    claim=(
+        "sub-optimal paths of both robots are found from random starts, while a collision between "
+        "them is avoided."
+    ),
+    claims=("Fig. 12: paths of pairs without collisions",),
+    inputs=_needed(PAIRS),
+)
 def fig12(results: Path) -> Drawing:
     """Draw paths of pairs, a method in each row, and below them the distance of their centres."""
     tracks = _read(results, PAIRS)

@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
-from analysis.figures.style import WIDTH_IN, Drawing
+from analysis.figures.style import WIDTH_IN, Drawing, figure
 from cosim.base.colours import BLACK, BLUE, GREY, VERMILION
 from cosim.model.params import TABLE_II
 
@@ -25,6 +25,11 @@ def _blank(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
     axes.axis("off")
 
 
+@figure(
+    "fig02",
+    "Platform of one degree of freedom: an eccentric mass m at a distance r of the axis O",
+    claim="the rotating mass gives the forces of Eq. (1).",
+)
 def fig02(results: Path) -> Drawing:
     """Draw the platform of one degree of freedom, with the signs of Eq. (1)."""
     figure, axes = plt.subplots(figsize=(WIDTH_IN / 2, 2.2))
@@ -67,6 +72,11 @@ _BLOCKS = (
 _SUM, _HEIGHT, _FEEDBACK = 1.2, 0.6, -1.7
 
 
+@figure(
+    "fig06",
+    "Speed loop of one motor",
+    claim="a PI controller (Eq. 14) with limited voltage.",
+)
 def fig06(results: Path) -> Drawing:
     """Draw the speed loop of one motor with its signals."""
     figure, axes = plt.subplots(figsize=(WIDTH_IN, 2.2))

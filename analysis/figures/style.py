@@ -1,16 +1,20 @@
 """Figures of the paper and their files, in the style of `cosim.base.plotting`.
 
-A figure is a PNG, a PDF, and a JSON file with its caption: the paper's claim and our numbers.
+A figure is a PNG, a PDF, and a JSON file with its caption: the paper's claim and our numbers. The
+function that draws it says by `figure` what it shows and needs; any module of this folder may have
+such functions.
 """
 
-from collections.abc import Mapping
+import functools
+import pkgutil
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
-from analysis.reading.results import figure_entries
 from cosim.base.errors import UserError
 from cosim.base.plotting import save_figure, styled
 from cosim.base.reading import Kind, read_json
@@ -73,11 +77,43 @@ class Drawing:
 
 
 @dataclass(frozen=True)
+class FigureEntry:
+    """What is said of a figure where it is drawn."""
+
+    draw: Callable[[Path], Drawing]  # from a folder of results
+    title: str  # what it shows; takes words in braces from the drawing
+    claim: str = ""  # what the paper says or shows; empty if the paper has no such figure
+    claims: tuple[str, ...] = ()  # of the paper, in short, as docs/paper.md has them
+    inputs: tuple[str, ...] = ()  # results that it is drawn from, see `analysis.reading.results`
+
+
+_FIGURES: dict[str, FigureEntry] = {}
+
+
+def figure(name: str, title: str, **facts: Any) -> Callable[[Callable], Callable[[Path], Drawing]]:
+    """Register what draws a figure by the name of its files; arguments as of `FigureEntry`."""
+
+    def register(draw: Callable[[Path], Drawing]) -> Callable[[Path], Drawing]:
+        _FIGURES[name] = FigureEntry(draw, title, **facts)
+        return draw
+
+    return register
+
+
+@functools.cache
+def figure_entries() -> dict[str, FigureEntry]:
+    """Return all figures of the modules in this folder by name, in the paper's order."""
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        import_module(f"analysis.figures.{module.name}")
+    return dict(sorted(_FIGURES.items()))
+
+
+@dataclass(frozen=True)
 class Caption:
     """Caption of a figure; numbers in it are computed from the data drawn."""
 
     figure: str  # name of the figure, that of its files
-    # title, claim, inputs: see `analysis.reading.results.FigureEntry`
+    # title, claim, inputs: see `FigureEntry`
     title: str
     claim: str
     # ours, numbers: see `Drawing`

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from agent.evaluation.rows import Row, rate_column
 from agent.study.plot import draw_measure
 from agent.study.report import Report
-from analysis.figures.style import Drawing
+from analysis.figures.style import Drawing, figure
 from analysis.reading.results import read_result
 from cosim.base.errors import UserError
 
@@ -64,6 +64,13 @@ def drawing_of(rows: list[Row]) -> Drawing:
     return Drawing(draw(rows), tuple(ours), {"series": numbers})
 
 
+@figure(
+    "transfer",
+    "Success of trained policies in the full co-simulation by training method and scenario; "
+    "bars: 95 % intervals over episodes",
+    claim="all targets are reached without collisions (it does not say whether with the dynamics).",
+    inputs=("transfer",),
+)
 def make(results: Path) -> Drawing:
     """Draw the figure of a results folder."""
     report: Report = read_result("transfer", results, Report)

@@ -10,13 +10,20 @@ from matplotlib.figure import Figure
 from agent.mdp.greedy import PolicyMap
 from agent.training.policy import load_policy
 from agent.training.runs import policy_paths
-from analysis.figures.style import WIDTH_IN, Drawing
+from analysis.figures.style import WIDTH_IN, Drawing, figure
 from analysis.reading.results import RESULTS
 from cosim.model.scenario import Scenario
 
 SCENARIO = "1b"  # in which a robot starts on all sides
 
 
+@figure(
+    "values",
+    "What one robot has learnt in scenario 1b, after the first run of Fig. 8: the largest "
+    "action value of every cell with its direction (left), and how often the robot was there "
+    "(right); red: target",
+    inputs=("fig08",),
+)
 def make(results: Path) -> Drawing:
     """Draw the policy of the first run of Fig. 8 in scenario 1b."""
     policy = load_policy(policy_paths(RESULTS["fig08"].location(results) / SCENARIO)[0])

@@ -15,11 +15,10 @@ import msgspec
 import numpy as np
 
 from cosim.base.errors import FileError
+from cosim.recording.episode_log import REACH
 from cosim.recording.reader import Episode, Signal
 from cosim.recording.series import IN_ZONE, NOT_ARRIVED, OFF_THE_BOARD, ON_OBSTACLE, ON_TARGET
 
-# Robots at most this far apart (over the distance at contact) touch each other if both touch.
-REACH = 1.02
 # A motor from rest has its full voltage for 40 ms; one that takes longer than this lacks voltage.
 LONG_SATURATION_S = 0.5
 # Eq. (9) calls robots near up to 6 cm for robots of 5 cm: a fifth of a diameter between them.

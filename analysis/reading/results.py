@@ -4,27 +4,20 @@ The one place that knows the layout and the order: `minirobots reproduce` fills 
 report read from it. Their writers own the content of results.
 """
 
-import functools
 import shlex
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
+from analysis.profiles import FULL, SEQUEL_EPISODES
 from cosim.base.errors import UserError
-from cosim.base.reading import Kind, read_json, read_toml
+from cosim.base.reading import Kind, read_json
 from cosim.model.scenario_file import PAPER, find_scenario
 
 if TYPE_CHECKING:
     from agent.experiments.results import ExperimentResult
 
-_FIGURES = Path(__file__).with_name("figures.toml")
-# Episodes of a scenario with paths in Fig. 9 or 12: the paper draws many of one robot on one
-# board, and few of a pair.
-SINGLE_EPISODES, PAIR_EPISODES = 6, 2
-# Training episodes of the sequel, of which the paper says nothing.
-SEQUEL_EPISODES = 2_000_000
 # Methods of the policies that drive them, from the same starts and noise: the paper's, and
 # the one that learns on moves observed in the co-simulation.
 DRIVEN_BY = ("paper", "moves")
@@ -42,7 +35,7 @@ class Result:
     proof: str = ""
     of: str = ""  # experiment or scenario, where the command makes several
     method: str = ""  # by which the policy of a run is made
-    arguments: tuple[str, ...] = ()  # of the command, without --out
+    arguments: tuple[str, ...] = ()  # of the command for the full amount, without --out
 
     def location(self, results: Path) -> Path:
         """Return its path in a results folder."""
@@ -75,7 +68,7 @@ def episodes_of(scenario: str, method: str) -> str:
 def _episodes(scenario: str, method: str) -> Result:
     folder, alone = f"episodes/{scenario}-{method}", find_scenario(scenario).robots == 1
     title = f"scenario {scenario} co-simulated, method {method} (Fig. {9 if alone else 12})"
-    count = str(SINGLE_EPISODES if alone else PAIR_EPISODES)
+    count = str(FULL.single_episodes if alone else FULL.pair_episodes)
     arguments = ("--scenario", scenario, "--method", method, "--episodes", count, "--jobs", "2")
     name = episodes_of(scenario, method)
     return Result(name, title, folder, "run", "summary.json", scenario, method, arguments)
@@ -111,27 +104,9 @@ RESULTS: dict[str, Result] = {
 }
 
 
-class FigureEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What `figures.toml` says of a figure, by its name, which is that of its files too."""
-
-    draw: str  # module of `analysis.figures` and function
-    title: str  # what it shows
-    claim: str = ""  # what the paper says or shows; empty if the paper has no such figure
-    claims: tuple[str, ...] = ()  # of the paper, in short, on which it bears
-    inputs: tuple[str, ...] = ()  # results that it is drawn from
-
-
-@functools.cache
-def figure_entries() -> dict[str, FigureEntry]:
-    """Return all figures by name, in the paper's order."""
-    declared = read_toml(_FIGURES, Kind("table of figures", "install it again"))
-    return msgspec.convert(declared, dict[str, FigureEntry])
-
-
-def missing(figure: str, results: Path) -> list[Result]:
-    """Results that a figure needs and that are not there."""
-    needed = figure_entries()[figure].inputs
-    return [RESULTS[name] for name in needed if not RESULTS[name].exists(results)]
+def missing(names: Iterable[str], results: Path) -> list[Result]:
+    """Return the results, of some names, that a folder lacks."""
+    return [RESULTS[name] for name in names if not RESULTS[name].exists(results)]
 
 
 def recordings(name: str, results: Path) -> list[Path]:

@@ -18,13 +18,20 @@ from agent.evaluation.statistics import interval_text
 from agent.experiments.results import ExperimentResult
 from agent.study.report import Report
 from agent.web.page import write_page
-from analysis.figures.style import FORMATS, NOTHING, UNTESTED, Caption, Claim, read_caption
+from analysis.figures.style import (
+    FORMATS,
+    NOTHING,
+    UNTESTED,
+    Caption,
+    Claim,
+    figure_entries,
+    read_caption,
+)
 from analysis.profiles import FULL
 from analysis.reading.results import (
     DRIVEN_BY,
     RESULTS,
     episodes_of,
-    figure_entries,
     missing,
     read_experiment,
     read_result,
@@ -234,9 +241,9 @@ def _pictures(figures: Path, out: Path) -> Iterator[dict[str, Any]]:
 def not_drawn(figures: Path, results: Path, timings: TimingsFile | None) -> dict[str, list[str]]:
     """Figures that have not been drawn, with the commands (of a reproduction: its own) for them."""
     commands = {}
-    for name in figure_entries():
+    for name, entry in figure_entries().items():
         if not (figures / f"{name}.json").is_file():
-            needed = [result.command(Path("results")) for result in missing(name, results)]
+            needed = [result.command(Path("results")) for result in missing(entry.inputs, results)]
             if needed and timings:
                 quick = " --quick" if timings.profile.get("name") == "quick" else ""
                 needed = [f"minirobots reproduce --out . --seed {timings.seed}{quick}"]

@@ -1,6 +1,8 @@
 """Arguments of the Python API, converted to the types that records declare, or refused by name."""
 
+import importlib
 import re
+import sys
 from collections.abc import Collection, Iterable, Mapping
 from difflib import get_close_matches
 from functools import cache, partial
@@ -161,3 +163,21 @@ def numbers(
     fits = array.shape == shape and array.dtype.kind in kinds and not np.ma.is_masked(values)
     fits = fits and (not finite or bool(np.isfinite(array).all()))
     return array.astype(np.int64 if kinds == "iu" else np.float64, copy=False) if fits else None
+
+
+def imported(what: str, name: str, kind: str) -> Any:
+    """Return the object "module:Name" of this folder or an installed module, or one of its class.
+
+    `what` it is, and the `kind` of objects that are expected, are named where that fails.
+    """
+    module, _, attribute = name.partition(":")
+    if str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+        return found() if isinstance(found, type) else found
+    except (Exception, SystemExit) as error:  # whatever a user's module does
+        raise ConfigError(
+            f"{what} = {name!r} cannot be imported ({error!r}); name MODULE:NAME of {kind}, in a "
+            "module of this folder or an installed one"
+        ) from error

@@ -1,17 +1,14 @@
 """Errors that the caller can fix, and how a command line reports them."""
 
-import contextlib
 import errno
 import io
 import os
-import re
 import reprlib
 import signal
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TextIO, cast
 
 USER_ERROR_STATUS = 2
 INTERRUPTED_STATUS = 130
@@ -36,11 +33,6 @@ _FIXES = {
     errno.ELOOP: "a symbolic link leads back to itself; correct the link or choose another path",
 }
 _CLONE = Path(__file__).parents[2].joinpath("pyproject.toml").is_file()
-# Control characters except ends of lines and tabs, bidirectional ones, halves of characters.
-_HIDDEN = re.compile(
-    "[\0-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
-)
-_COLOUR = re.compile(r"(\x1b\[[\d;]*m)")
 
 
 class Terminated(KeyboardInterrupt):
@@ -94,11 +86,6 @@ def end_at_interrupt() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def visible(text: str) -> str:
-    r"""Return a text with `\u001b` and the like in place of what would control a terminal."""
-    return _HIDDEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
-
-
 class _Interrupts:
     """Handler of SIGINT and SIGTERM while a command runs: the first one ends it.
 
@@ -117,21 +104,6 @@ class _Interrupts:
             raise KeyboardInterrupt if number == signal.SIGINT else Terminated
 
 
-class _Visible:
-    """A text stream that shows names as they are: of what controls a terminal, colours pass."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self.stream = stream
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.stream, name)
-
-    def write(self, text: str) -> int:
-        parts = _COLOUR.split(text) if self.isatty() else [text]
-        parts[::2] = map(visible, parts[::2])
-        return self.stream.write("".join(parts))
-
-
 def run_command(main: Callable[[], None]) -> None:
     """Run a command line's body and leave with its exit status.
 
@@ -147,9 +119,27 @@ def run_command(main: Callable[[], None]) -> None:
     _open_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # some terminals have no µ
-    out, err = (cast(TextIO, _Visible(stream)) for stream in (sys.stdout, sys.stderr))
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        _run(main)
+    try:
+        try:
+            main()
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:  # the reader of the output has ended, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(BROKEN_PIPE_STATUS)
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(USER_ERROR_STATUS)
+    except OSError as error:
+        if error.errno not in _FIXES:
+            raise
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"error: {where}{_FIXES[error.errno]}", file=sys.stderr)
+        sys.exit(USER_ERROR_STATUS)
+    except KeyboardInterrupt as interrupt:
+        print("interrupted", file=sys.stderr)
+        ended = isinstance(interrupt, Terminated)
+        sys.exit(TERMINATED_STATUS if ended else INTERRUPTED_STATUS)
 
 
 def _open_streams() -> None:
@@ -160,27 +150,3 @@ def _open_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):  # by their numbers
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
-
-
-def _run(main: Callable[[], None]) -> None:
-    try:
-        try:
-            main()
-        finally:
-            sys.stdout.flush()
-    except BrokenPipeError:  # the reader of the output has ended, as `head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(BROKEN_PIPE_STATUS)
-    except UserError as error:
-        print(f"error: {visible(str(error))}", file=sys.stderr)
-        sys.exit(USER_ERROR_STATUS)
-    except OSError as error:
-        if error.errno not in _FIXES:
-            raise
-        where = f"{error.filename}: " if error.filename else ""
-        print(f"error: {visible(where)}{_FIXES[error.errno]}", file=sys.stderr)
-        sys.exit(USER_ERROR_STATUS)
-    except KeyboardInterrupt as interrupt:
-        print("interrupted", file=sys.stderr)
-        ended = isinstance(interrupt, Terminated)
-        sys.exit(TERMINATED_STATUS if ended else INTERRUPTED_STATUS)

@@ -38,64 +38,34 @@ _SETTINGS: Any = config
 _LOGGER = logging.getLogger(__name__)
 
 
-class _Held:
-    """Handler of signals that wait, or go to what handled them before.
-
-    It may be left behind where a signal raises an exception while handlers are changed.
-    """
-
-    def __init__(self) -> None:
-        self.holds, self.came, self.usual = False, list[int](), dict[int, Any]()
-
-    def __call__(self, number: int, frame: Any) -> None:
-        if self.holds:
-            self.came.append(number)
-        else:
-            self.usual[number](number, frame)
-
-    def begin(self) -> None:
-        self.came.clear()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            usual = signal.getsignal(number)
-            if callable(usual) and usual is not self:  # else Python has nothing to do with it
-                self.usual[number] = usual
-                signal.signal(number, self)
-        self.holds = True
-
-    def end(self) -> None:
-        self.holds = False
-        for number, usual in self.usual.items():
-            if signal.getsignal(number) is self:
-                signal.signal(number, usual)
-
-    def deliver(self) -> None:
-        if self.came:
-            number = self.came[0]
-            self.came.clear()
-            self.usual[number](number, None)
+_came: list[int] = []  # signals that wait
 
 
-_HELD = _Held()
+def _wait(number: int, _: Any) -> None:
+    _came.append(number)
 
 
 @contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Have SIGINT and SIGTERM wait for the end of this context, or of one within it.
+    """Have SIGINT and SIGTERM wait for the end of this context, or of the one around it.
 
     For compiled code that calls Python, as LLVM does: an exception would not leave that call.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield  # Python has signals arrive in the main thread
-        return
-    outermost = not _HELD.holds
+    usual: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread():  # in which signals arrive
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if callable(handler := signal.getsignal(number)) and handler is not _wait:
+                usual[number] = handler
+                signal.signal(number, _wait)
     try:
-        if outermost:
-            _HELD.begin()
         yield
     finally:
-        if outermost:
-            _HELD.end()
-        _HELD.deliver()
+        for number, handler in usual.items():
+            signal.signal(number, handler)
+        if usual and _came:
+            number = _came[0]
+            _came.clear()
+            usual[number](number, None)
 
 
 class KernelLocator:

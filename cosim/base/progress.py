@@ -2,7 +2,6 @@
 
 import contextlib
 import functools
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, ParamSpec, Protocol, TypeVar
@@ -77,8 +76,7 @@ def _show(
     from rich import console as rich_console  # noqa: PLC0415 - slow to import
     from rich import progress as rich  # noqa: PLC0415
 
-    # Bars move the cursor, which `run_command` keeps from what is printed.
-    console = console or rich_console.Console(file=getattr(sys.stderr, "stream", sys.stderr))
+    console = console or rich_console.Console(stderr=True)
     if not (console.is_terminal or console.is_jupyter):
         announced = set()
         while True:

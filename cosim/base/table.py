@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cosim.base.errors import visible
 from cosim.base.storage import replacing
 
 _GAP = 2  # between columns
@@ -116,7 +115,7 @@ def show_texts(
         elif len(turned) > _HEADING_AND_ONE:
             equal = [k for k, column in enumerate(columns) if k and len({*column[1:]}) == 1]
             if equal:
-                print("all rows:", ", ".join(visible(" ".join(columns[k][:2])) for k in equal))
+                print("all rows:", ", ".join(" ".join(columns[k][:2]) for k in equal))
             columns = [column for k, column in enumerate(columns) if k not in equal]
             names -= sum(k < names for k in equal)
     lowest = [_least(column, named=k < names) for k, column in enumerate(columns)]
@@ -143,7 +142,7 @@ def show_texts(
                 cell if widths[k] == whole[k] else cell.replace(" [", "\n[")
                 for k, cell in zip(shown, row, strict=True)
             )
-            table.add_row(*(Text(visible(cell)) for cell in cells))
+            table.add_row(*map(Text, cells))
         console.print(table)
         title = None
         first = first if rest else []

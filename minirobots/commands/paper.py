@@ -7,7 +7,6 @@ from pathlib import Path
 
 import tyro
 
-from analysis.reading.results import figure_entries
 from cosim.base import command as opt
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress
@@ -43,6 +42,8 @@ class Figures(Command):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        from analysis.figures.style import figure_entries  # slow to import
+
         for name in self.figures:
             if name != ALL and name not in figure_entries():
                 choice = ", ".join((ALL, *figure_entries()))
@@ -50,6 +51,7 @@ class Figures(Command):
 
     def run(self, progress: Progress) -> Output:
         from analysis.figures.draw import draw_figures
+        from analysis.figures.style import figure_entries
 
         names = figure_entries() if ALL in self.figures else self.figures
         drawn, lacking = draw_figures(

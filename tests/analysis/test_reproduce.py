@@ -8,8 +8,9 @@ from typing import Any, get_args
 import pytest
 
 from agent.experiments.variants import Name, variants_of
+from analysis.figures.style import figure_entries
 from analysis.profiles import FULL
-from analysis.reading.results import RESULTS, figure_entries
+from analysis.reading.results import RESULTS
 from analysis.timings import Timings
 from cosim.base.errors import UserError
 from cosim.base.progress import silent

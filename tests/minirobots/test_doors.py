@@ -91,7 +91,7 @@ def ways(command, tmp_path_factory):
         stopping = "cosim.calibration.shielding.with_stopping_distance"
         patch.setattr(stopping, lambda config, *_: config)
         patch.setattr("agent.training.methods.cached_moves", observed)
-        for place in ("agent.evaluation.run", "agent.study.engine"):
+        for place in ("agent.evaluation.run", "agent.study.store"):
             patch.setattr(f"{place}.compile_kernels", lambda *_: None)
         for place in (
             "cosim.simulation.simulate",

@@ -9,7 +9,6 @@ import pytest
 
 from agent.evaluation.cases import Case
 from agent.evaluation.claims import Claim, JudgedClaim, claim_of
-from agent.study import engine
 from agent.study.engine import Line, measure
 from agent.study.report import Report
 from agent.study.store import EpisodeStore
@@ -126,8 +125,8 @@ def test_a_verdict_depends_on_no_order_and_no_interruption(case, tmp_path, monke
     assert expected.verdict == "certified"
     for together in (1, 7, 200):
         store, fake = EpisodeStore(tmp_path / str(together)), Faked(failing, together)
-        kind = engine.EPISODES._replace(compute=fake.compute, prepare=None)
-        monkeypatch.setattr(engine, "EPISODES", kind)
+        monkeypatch.setattr("agent.study.store.run_jobs", fake.compute)
+        monkeypatch.setattr("agent.study.store.compile_kernels", lambda *_: None)
         few = iter([True] * 5)  # looks at the time, after which it is over
         measure([line], store, Workers(jobs=1), may_begin=lambda few=few: next(few, False))
         measure([line], EpisodeStore(tmp_path / str(together)), Workers(jobs=1))

@@ -12,8 +12,8 @@ from matplotlib.image import imread
 from analysis.figures import paths, transfer
 from analysis.figures.draw import SMALL_WIDTH_PX
 from analysis.figures.learning import load_variants
-from analysis.figures.style import Caption, read_caption, save, write_caption
-from analysis.reading.results import RESULTS, figure_entries, read_experiment
+from analysis.figures.style import Caption, figure_entries, read_caption, save, write_caption
+from analysis.reading.results import RESULTS, read_experiment
 from cosim.base.errors import UserError
 from cosim.base.storage import write_json
 from cosim.machine.platform.motion import PlatformResult

@@ -2,7 +2,8 @@
 
 import pytest
 
-from analysis.reading.results import RESULTS, figure_entries, missing, recordings
+from analysis.figures.style import figure_entries
+from analysis.reading.results import RESULTS, missing, recordings
 from cosim.base.errors import UserError
 from minirobots.commands import COMMANDS
 
@@ -17,12 +18,13 @@ def test_figures_are_drawn_from_defined_results(tmp_path):
 
 
 def test_what_is_missing_has_no_proof_and_recordings_are_found_in_order(tmp_path):
-    assert missing("fig05", tmp_path) == []
-    assert [r.name for r in missing("path_ratio", tmp_path)] == ["fig08", "fig11"]
+    needed = figure_entries()["path_ratio"].inputs
+    assert missing(figure_entries()["fig05"].inputs, tmp_path) == []
+    assert [r.name for r in missing(needed, tmp_path)] == ["fig08", "fig11"]
     proof = RESULTS["fig08"].proof_in(tmp_path)
     proof.parent.mkdir(parents=True)
     proof.write_text("{}")
-    assert [r.name for r in missing("path_ratio", tmp_path)] == ["fig11"]
+    assert [r.name for r in missing(needed, tmp_path)] == ["fig11"]
     with pytest.raises(UserError, match="run `minirobots run --scenario 2 --method paper"):
         recordings("episodes_2_paper", tmp_path)
     folder = tmp_path / "episodes" / "2-paper" / "episodes"

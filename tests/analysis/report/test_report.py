@@ -2,6 +2,7 @@
 
 import json
 import re
+import runpy
 import shutil
 from pathlib import Path
 
@@ -9,12 +10,12 @@ import pytest
 from markupsafe import escape
 
 from agent.study.report import Report
-from analysis.figures.style import Caption, read_caption, write_caption
-from analysis.reading.results import figure_entries
+from analysis.figures.style import Caption, figure_entries, read_caption, write_caption
 from analysis.report.page import not_drawn, transfer_table, write_report
 from analysis.timings import TimingsFile
 from cosim.base.errors import UserError
 
+ROOT = Path(__file__).parents[3]
 HOSTILE = "<script>alert('claim')</script>"
 
 
@@ -38,7 +39,7 @@ def test_page_shows_figures_tables_and_recordings(reproduction, tiny):
 
 
 def test_claims_are_those_of_the_docs_in_their_order(reproduction):
-    report, docs = reproduction / "report", Path(__file__).parents[3] / "docs" / "paper.md"
+    report, docs = reproduction / "report", ROOT / "docs" / "paper.md"
     rows = json.loads((report / "claims.json").read_text(encoding="utf-8"))
     header = "| the paper | our result | verdict | figure, command |\n"
     table = docs.read_text(encoding="utf-8").partition(header)[2].partition("\n\n")[0]
@@ -56,6 +57,25 @@ def test_claims_are_those_of_the_docs_in_their_order(reproduction):
         assert f"{cells}</td><td>{said}</td>" in page
         assert f'id="{row["figure"]}"' in page or row in rows[-2:]
     assert page.count("Brief results, which test no claim.") == len(figure_entries()) + 1
+
+
+def test_verdicts_of_the_docs_are_kept_from_a_report_that_tests_something(reproduction, tmp_path):
+    pages = runpy.run_path(str(ROOT / ".ci" / "pages.py"))
+    keep = pages["keep_verdicts"]
+    with pytest.raises(SystemExit, match="brief results test no claim"):
+        keep(reproduction / "report" / "claims.json")
+    rows = json.loads((reproduction / "report" / "claims.json").read_text("utf-8"))
+    (tmp_path / "claims.json").write_text(json.dumps([row | {"brief": False} for row in rows]))
+    (tmp_path / "docs" / "results").mkdir(parents=True)
+    keep.__globals__["ROOT"] = tmp_path
+    keep(tmp_path / "claims.json")
+    kept, published = (
+        json.loads((root / "docs" / "results" / "claims.json").read_text("utf-8"))
+        for root in (tmp_path, ROOT)
+    )
+    assert kept.keys() == published.keys()
+    for claim in ("sec-ii-b", "fig-3", "fig-7"):  # of results that small reproductions have whole
+        assert kept[claim] == published[claim]
 
 
 def test_captions_are_escaped_and_missing_figures_named(reproduction, tmp_path):

@@ -1,6 +1,5 @@
 """Compiled kernels in the cache: found again, and compiled again where they are damaged."""
 
-import signal
 import tomllib
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from cosim.base.jit import (
     LAYERS,
     digest_of_sources,
     inlined,
-    interrupts_held,
     is_compiled,
     kernel,
 )
@@ -200,31 +198,3 @@ def test_signals_within_the_compiler_leave_it_unlocked(tmp_path):
     script.write_text(AGAIN)
     done = python(script)
     assert (done.returncode, done.stdout, done.stderr) == (143, "[True]\n", "interrupted\n")
-
-
-def test_a_signal_while_handlers_are_put_back_leaves_none_behind(monkeypatch):
-    put, seen = signal.signal, []
-    usual = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    put(signal.SIGINT, signal.default_int_handler)
-    put(signal.SIGTERM, lambda *_: seen.append("term"))
-
-    def interrupted(number, handler):
-        put(number, handler)
-        if number == signal.SIGINT and handler is signal.default_int_handler:
-            signal.raise_signal(signal.SIGINT)
-
-    try:
-        with monkeypatch.context() as patch:
-            patch.setattr(signal, "signal", interrupted)
-            with pytest.raises(KeyboardInterrupt), interrupts_held():
-                pass
-        signal.raise_signal(signal.SIGTERM)
-        assert seen == ["term"]
-        with pytest.raises(KeyboardInterrupt), interrupts_held():
-            signal.raise_signal(signal.SIGINT)
-            seen.append("held")
-        assert seen == ["term", "held"]
-        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    finally:
-        for number, handler in usual.items():
-            put(number, handler)
