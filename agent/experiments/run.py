@@ -19,7 +19,7 @@ from agent.experiments.variants import ExperimentOptions, variants_of
 from agent.study.grid import report_of
 from agent.training.loop import learnt
 from agent.training.recording import require_tensorboard, write_events, write_runs
-from agent.training.runs import RECORDING_FILE, Experiment, make_runs, run_name
+from agent.training.runs import RECORDING_FILE, RunsConfig, make_runs, run_name
 from agent.training.store import POLICY_FILE
 from cosim.base.jobs import PROCESSES, Workers
 from cosim.base.progress import Progress, silent
@@ -28,7 +28,7 @@ from cosim.model.scenario_file import find_scenario
 
 
 def train_and_evaluate(
-    experiment: Experiment,
+    config: RunsConfig,
     out: Path,
     *,
     where: Workers = PROCESSES,
@@ -43,19 +43,19 @@ def train_and_evaluate(
     """
     if log is not None:
         require_tensorboard()
-    began, scenario = time.perf_counter(), experiment.scenario.name
+    began, scenario = time.perf_counter(), config.scenario.name
     task = f"scenario {scenario}"
-    results = make_runs(experiment, out, where=where, progress=progress, task=task)
+    results = make_runs(config, out, where=where, progress=progress, task=task)
     seconds = time.perf_counter() - began
     if log is not None:
         for number, (_, curves) in enumerate(results):
             write_events(log / run_name(number), curves)
-    if experiment.runs > 1:
-        facts = {"scenario": scenario, "seed": experiment.seed}
+    if config.runs > 1:
+        facts = {"scenario": scenario, "seed": config.seed}
         write_runs(out / RECORDING_FILE, [curves for _, curves in results], facts)
     named = ((f"{run_name(k)}/{POLICY_FILE}", policy) for k, (policy, _) in enumerate(results))
     achieved = tuple(learnt(policy.config, curves) for policy, curves in results)
-    facts = {"seed": experiment.seed, "seconds": seconds, "out": str(out), "training": achieved}
+    facts = {"seed": config.seed, "seconds": seconds, "out": str(out), "training": achieved}
     summary = report_of(named, TrainingSummary, **facts)
     write_json(out / SUMMARY_FILE, summary)
     return summary
@@ -75,9 +75,9 @@ def run_experiment(options: ExperimentOptions, progress: Progress = silent) -> E
         learning = replace(variant.learning, episodes=episodes, greedy_points=points)
         board = find_scenario(variant.scenario)
         settings = board, variant.process, learning, options.seed, options.runs
-        experiment = Experiment(*settings, method=variant.method)
+        config = RunsConfig(*settings, method=variant.method)
         how = {"where": options.where, "progress": progress, "task": variant.label}
-        named = enumerate(policy for policy, _ in make_runs(experiment, out / key, **how))
+        named = enumerate(policy for policy, _ in make_runs(config, out / key, **how))
         report = report_of((f"{key}/{run_name(k)}", policy) for k, policy in named)
         variants[key] = VariantResult(
             variant.label,

@@ -37,7 +37,7 @@ RECORDING_FILE = "training.rrd"
 _FILE = Kind("configuration of runs", "choose another --out")
 
 
-class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class RunsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Configuration of a folder of runs that differ only in their seeds, kept in the folder."""
 
     scenario: Scenario
@@ -50,7 +50,7 @@ class Experiment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     schema_version: int = 1
 
     def configs(self) -> list[PolicyConfig]:
-        """One configuration per run; seeds are spawned from the experiment's seed."""
+        """One configuration per run; seeds are spawned from the common seed."""
         made = self.scenario, self.process, self.learning
         seeds = map(Seed.of, np.random.SeedSequence(self.seed).spawn(self.runs))
         return [PolicyConfig(*made, seed, self.moves, self.method) for seed in seeds]
@@ -62,22 +62,22 @@ def run_name(run: int) -> str:
 
 
 def make_runs(
-    experiment: Experiment,
+    common: RunsConfig,
     out: Path,
     *,
     where: Workers = PROCESSES,
     progress: Progress = silent,
     task: str = "training",
 ) -> list[tuple[Policy, TrainingLog]]:
-    """Train the runs of an experiment that its folder lacks, and return all in their order.
+    """Train the runs of a configuration that its folder lacks, and return all in their order.
 
     Each is written as soon as it is ready; progress is reported under the name `task`.
     """
     out = out.absolute()
-    build_process(experiment.scenario, experiment.process)  # refuse here, not in every worker
-    own = find_method(experiment.method).own
-    configs, results = experiment.configs(), dict[int, tuple[Policy, TrainingLog]]()
-    _require_same(out / EXPERIMENT_FILE, experiment)
+    build_process(common.scenario, common.process)  # refuse here, not in every worker
+    own = find_method(common.method).own
+    configs, results = common.configs(), dict[int, tuple[Policy, TrainingLog]]()
+    _require_same(out / EXPERIMENT_FILE, common)
     folders = [out / run_name(number) for number in range(len(configs))]
     for number, (folder, config) in enumerate(zip(folders, configs, strict=True)):
         folder.mkdir(exist_ok=True)
@@ -85,7 +85,7 @@ def make_runs(
             continue
         if own:
             raise UserError(
-                f"{folder / POLICY_FILE}: is of method {experiment.method}, whose code may have "
+                f"{folder / POLICY_FILE}: is of method {common.method}, whose code may have "
                 "changed since, so that its runs cannot be continued; choose another --out"
             )
         if found[0].config != config:
@@ -99,8 +99,8 @@ def make_runs(
     for count, (index, (policy, log)) in enumerate(ended, 1):
         number = missing[index]
         facts = {
-            "scenario": experiment.scenario.name,
-            "seed": experiment.seed,
+            "scenario": common.scenario.name,
+            "seed": common.seed,
             "run": number,
             "config_digest": digest_of(configs[number]),
         }
@@ -116,11 +116,11 @@ def policy_paths(out: Path) -> list[Path]:
     return sorted(out.glob(f"run_*/{POLICY_FILE}"))
 
 
-def _require_same(path: Path, experiment: Experiment) -> None:
-    """Make a folder this experiment's, or refuse one of another."""
+def _require_same(path: Path, config: RunsConfig) -> None:
+    """Make a folder that of a configuration, or refuse one of another."""
     if not path.exists():
-        write_json(path, experiment)
-    elif read_json(path, _FILE, Experiment) != experiment:
+        write_json(path, config)
+    elif read_json(path, _FILE, RunsConfig) != config:
         raise UserError(
             f"{path}: belongs to another configuration; give the options it was started with or "
             "choose another --out"

@@ -108,7 +108,7 @@ class Train(Command):
         from agent.experiments.run import train_and_evaluate
         from agent.moves.model import ObservedMoves
         from agent.training.methods import find_method, method_config
-        from agent.training.runs import Experiment
+        from agent.training.runs import RunsConfig
 
         assert self.out is not None
         moves = self.moves and ObservedMoves.load(self.moves)
@@ -135,9 +135,9 @@ class Train(Command):
             progress=progress,
         )
         settings = config.scenario, config.process, config.learning
-        experiment = Experiment(*settings, self.seed, self.runs, config.moves, config.method)
+        runs = RunsConfig(*settings, self.seed, self.runs, config.moves, config.method)
         how = {"where": self.where, "log": self.log, "progress": progress}
-        summary = train_and_evaluate(experiment, self.out, **how)
+        summary = train_and_evaluate(runs, self.out, **how)
         more = ", and training.rrd of all runs" if self.runs > 1 else ""
         files = f"summary.json, run_*/policy.npz, training.npz, training.rrd{more}"
         return Output(summary, summary.show, f"results in {self.out}/: {files}")

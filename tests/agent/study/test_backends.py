@@ -8,7 +8,7 @@ import pytest
 
 from agent.mdp.config import ProcessConfig
 from agent.study.user import study
-from agent.training.runs import Experiment, make_runs
+from agent.training.runs import RunsConfig, make_runs
 from agent.training.settings import LearningConfig
 from cosim.base.jobs import Workers
 from cosim.model.scenario_file import find_scenario
@@ -17,7 +17,7 @@ from tests.faults.killing import timeless
 
 def training(out: Path, where: Workers) -> Any:
     few = LearningConfig(episodes=2000, greedy_points=1)
-    runs = make_runs(Experiment(find_scenario("2"), ProcessConfig(), few, 3, 2), out, where=where)
+    runs = make_runs(RunsConfig(find_scenario("2"), ProcessConfig(), few, 3, 2), out, where=where)
     return [policy.digest() for policy, _ in runs]
 
 

@@ -15,7 +15,7 @@ import pytest
 from agent.mdp.config import ProcessConfig
 from agent.training.loop import learn
 from agent.training.policy import PolicyConfig
-from agent.training.runs import Experiment
+from agent.training.runs import RunsConfig
 from agent.training.settings import LearningConfig
 from cosim.base import backends
 from cosim.base.backends import sweep
@@ -26,7 +26,7 @@ from tests.alone import lives, python
 
 ROOT = Path(__file__).parents[3]
 
-EXPERIMENT = Experiment(
+EXPERIMENT = RunsConfig(
     find_scenario("2"), ProcessConfig(), LearningConfig(episodes=2000, greedy_points=1), 3, 4
 )
 
