@@ -17,7 +17,7 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.interpretations import build_process
 from agent.training.learning import build_learning, initial_state
 from agent.training.qlearning import advance
-from agent.training.runs import Experiment, make_runs
+from agent.training.runs import RunsConfig, make_runs
 from agent.training.settings import LearningConfig
 from benchmarks.timing import best_s
 from cosim.base.command import Checked, Count
@@ -97,7 +97,7 @@ def seconds_of_all() -> float:
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         for name in PAPER:
-            experiment = Experiment(
+            experiment = RunsConfig(
                 find_scenario(name), ProcessConfig(), SECTION_V, seed=0, runs=20
             )
             make_runs(experiment, Path(folder) / name, where=Workers(backend="threads"))
