@@ -147,6 +147,10 @@ class Preset(NamedTuple):
                 lines += _table(f"[{table}.source]", {n: text for n, (_, text) in stated.items()})
         mounts, source = self.tree.get("motors", ((), ""))
         common = {n: v for n, (v, _) in own.items() if n in FIELDS["motor"]}
+        notes = [
+            f"{n} {text}" for n, (_, text) in own.items() if n in common and text not in source
+        ]
+        source = "; ".join([source, *notes])
         shares, _ = self.tree.get("shares", (len(mounts) * [MotorShares()], ""))
         for mount, share in zip(mounts, shares, strict=True):
             where = {"source": source, "place_m": mount.place_m, "axis": mount.axis}
