@@ -195,7 +195,7 @@ def _traced(tasks: Mapping[str, Task]) -> Iterator[tuple[str, str]]:
     def watched(name: str) -> Task:
         def watch(step: Step, _episode: RunningEpisode, _wall_s: float) -> None:
             traces[name] += [step.action, step.decided, step.completed, step.events]
-            traces[name] += [np.asarray(signal) for signal in step.samples]
+            traces[name] += [np.asarray(signal) for signal in step.samples if signal.size]
             ends[name] = " ".join(f"{x:.9f}" for x in step.samples.position[-1].flat)
 
         return replace(tasks[name], watch=watch)

@@ -35,6 +35,9 @@ LAYERS = (
 )
 TRANSIENT = "MINIROBOTS_TRANSIENT"  # in the environment of a process whose kernels are not kept
 _SETTINGS: Any = config
+# Options of functions that are compiled into their callers
+_WITHIN: Any = {"forceinline": True, "nogil": True, "_nrt": False, "error_model": "numpy"}
+_WITHIN |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _LOGGER = logging.getLogger(__name__)
 
 
@@ -234,11 +237,27 @@ def unrolled(function: Kernel) -> Kernel:
     def called(*arguments: Any) -> Any:
         return function(*arguments)
 
-    options: Any = {"forceinline": True, "nogil": True, "_nrt": False, "error_model": "numpy"}
-    options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     choose: Any = functools.wraps(function)(lambda *_: function)
-    overload(called, jit_options=options)(choose)
+    overload(called, jit_options=_WITHIN)(choose)
     return cast(Kernel, called)
+
+
+def by_class(choices: dict[type, Callable]) -> Any:
+    """Return a function that is one of some inlined ones, by the class of its first argument.
+
+    That class, of a record, is known when a kernel is compiled: the choice costs nothing.
+    """
+    if _SETTINGS.DISABLE_JIT:
+        return lambda record, *rest: choices[type(record)](record, *rest)
+    plain = {record: getattr(function, "py_func", function) for record, function in choices.items()}
+
+    @functools.wraps(next(iter(plain.values())))
+    def called(record: Any, *rest: Any) -> Any:
+        return plain[type(record)](record, *rest)
+
+    choose: Any = functools.wraps(called)(lambda record, *_: plain[record.instance_class])
+    overload(called, jit_options=_WITHIN, strict=False)(choose)
+    return called
 
 
 @typeof_impl.register(_Inlined)

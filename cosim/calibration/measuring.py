@@ -21,7 +21,7 @@ from cosim.calibration.speed_map import (
     BOUNCING_SHARE,
     DIRECTIONS,
     DRIVES,
-    PULSED_SHARE,
+    MAY_HOP_SHARE,
     Calibration,
     load_calibration,
 )
@@ -111,7 +111,7 @@ def measure(
         np.array([p.dithered for p in todo]),
         omega,
         *motion.T,
-        hopping_share=np.array(PULSED_SHARE if config.steering.pulse_s else hops),
+        hopping_share=np.array(MAY_HOP_SHARE if config.hops else hops),
     )
 
 

@@ -112,9 +112,9 @@ class _Search:
         return np.where(self.usable(motion), along - ASIDE * aside, -1.0)
 
     def usable(self, motion: np.ndarray) -> np.ndarray:
-        """Return which robots (T,) kept standing, and did not hop unless their motors pulse."""
-        share, pulsed = motion[:, 3], self.config.steering.pulse_s > 0.0
-        return (share == 0.0) | (pulsed & (share < FALLEN))
+        """Return which robots (T,) kept standing, and did not hop unless they may."""
+        share = motion[:, 3]
+        return (share == 0.0) | (self.config.hops & (share < FALLEN))
 
     def refined(self, best: np.ndarray, towards: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Search near set points for better ones.

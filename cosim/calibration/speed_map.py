@@ -27,7 +27,7 @@ DRIVES, TURNS = tuple(DIRECTIONS)[:4], tuple(DIRECTIONS)[4:]
 # speeds are those of feet that do not bounce, within some per cent; above it they depend on the
 # phase between the motors (docs/physics.md).
 BOUNCING_SHARE = 0.12
-PULSED_SHARE = 0.99  # of robots with pulsed motors, which may hop, but not fall
+MAY_HOP_SHARE = 0.99  # of robots with pulsed motors or elastic legs, which may not fall
 LEAST_M_S = 5e-5  # assumed: below, a cell takes minutes, and robots count as not moving
 _WEAK = 0.9  # of the largest set point: below, motors do not follow it
 

@@ -76,7 +76,7 @@ class Trial:
         self._config = config
         self._plant = new_plant(config, 1, end_on_collision=False)
         self._tick = 0
-        self._sizes = len(config.robot.motors), len(config.robot.feet)
+        self._sizes = config.robot.sizes
         self._state = new_state(n, 1, columns, *self._sizes)
         self._state.properties[:] = robot_properties(config)[:, None]
         self.origins_m = SPACING_M * np.column_stack([np.arange(1, n + 1), np.ones(n)])

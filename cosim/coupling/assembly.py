@@ -19,8 +19,8 @@ from cosim.model.params import (
     open_loop_voltage,
 )
 from cosim.physics.collision import FASTEST_M_S, PairParams
-from cosim.physics.contact import paired
 from cosim.physics.draws import generator
+from cosim.physics.feet import paired
 from cosim.physics.forces import motor_mounts
 from cosim.physics.properties import body_params, properties_of
 from cosim.physics.rotation import Vector

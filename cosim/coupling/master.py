@@ -91,8 +91,8 @@ def _not_finite(state: State, tick: int) -> NotFiniteError:
     values = np.concatenate([state.inputs, state.outputs, state.bodies])
     size = np.nan_to_num(np.abs(values), nan=np.inf, posinf=np.inf)
     row, column = map(int, np.unravel_index(size.argmax(), size.shape))
-    motors, feet = sizes_of(state)
-    signal = signal_names(motor_names(motors), feet)[row]
+    motors, *feet = sizes_of(state)
+    signal = signal_names(motor_names(motors), *feet)[row]
     return NotFiniteError(
         f"{signal} of {{robot}} is {values[row, column]} at {{time_s:.5f}} s of simulated time; "
         "choose a smaller --dt, or look at its motor FMU and at its world",

@@ -38,9 +38,9 @@ from cosim.onboard.steering import (
     pulse,
     steer,
 )
-from cosim.physics.body import at_axis
 from cosim.physics.body_state import (
     NORMALS,
+    OF_LEG,
     Q_W,
     V_X,
     W_X,
@@ -50,10 +50,12 @@ from cosim.physics.body_state import (
     Z,
     frictions,
     is_upright,
+    legs_row,
     orientation_of,
     read_vector,
 )
 from cosim.physics.collision import find_near_obstacles, find_near_pairs
+from cosim.physics.inertia import at_axis
 from cosim.physics.lanes import width_of
 from cosim.physics.neighbours import FOUND, Grid, find_near, list_by_cells
 from cosim.physics.properties import MU, feel_patches, read_params
@@ -194,10 +196,11 @@ def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
         for motor in range(motors):
             raw.theta[row, column, motor] = state.outputs[motor, column]
             raw.omega[row, column, motor] = state.outputs[motors + motor, column]
-        for foot in range(len(plant.body.contact.feet)):
+        feet = len(plant.body.contact.feet)
+        for foot in range(feet):
             raw.normal[row, column, foot] = body[NORMALS + foot] / plant.body.dt
             for axis in range(2):
-                impulse = body[frictions(body) + 3 * foot + axis]
+                impulse = body[frictions(feet) + 3 * foot + axis]
                 raw.friction[row, column, 2 * foot + axis] = impulse / plant.body.dt
 
 
@@ -311,6 +314,10 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
         samples.friction_mean[row, column, foot] = math.sqrt(x * x + y * y) / period_s
         samples.impact[row, column, foot] = statistics[first + IMPACT]
         samples.slipping_share[row, column, foot] = statistics[first + SLIPPING] / ticks
+    for leg in range(len(plant.body.contact.legs)):
+        first = legs_row(len(plant.body.contact.feet)) + OF_LEG * leg
+        for axis in range(3):
+            samples.deflection[row, column, 3 * leg + axis] = body[first + axis]
     samples.lifted_share[row, column] = statistics[LIFTED] / ticks
     samples.airborne_share[row, column] = statistics[AIRBORNE] / ticks
     samples.heading_error[row, column] = state.commands[column, HEADING_ERROR]

@@ -26,7 +26,7 @@ from cosim.coupling.signals import (
     State,
 )
 from cosim.model.params import EstimatorParams, ShieldParams, SteeringParams
-from cosim.physics.body import at_axis, stepped
+from cosim.physics.body import stepped
 from cosim.physics.body_state import (
     V_X,
     V_Y,
@@ -39,10 +39,11 @@ from cosim.physics.body_state import (
     write_body,
 )
 from cosim.physics.collision import PairParams, push_apart, push_off
-from cosim.physics.contact import Impulse, Pairing
+from cosim.physics.feet import Impulse, Pairing
 from cosim.physics.forces import MotorMount, motor_wrenches, reaction_torque
+from cosim.physics.inertia import BodyParams, at_axis
 from cosim.physics.lanes import Width, any_lane, floor, load, select, store, width_of
-from cosim.physics.properties import BodyParams, read_mounts, read_params
+from cosim.physics.properties import read_mounts, read_params
 from cosim.physics.rotation import Vector, dot, plus, rotation_matrix, to_body
 
 # Share of the squared friction limit from which a foot slides; the solver's projection rounds.
@@ -150,7 +151,7 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
     force, moment = motor_wrenches(motors.pairs, mounts, outputs)
     params = read_params(state.properties, column, width, plant.body)
     order = contact.pairing.order
-    before = read_body(state.bodies, column, width, order)
+    before = read_body(state.bodies, column, width, order, contact.legs)
     body, unsolved = stepped(before, params, force, moment)
     write_body(state.bodies, column, width, order, body)
     statistics = state.statistics

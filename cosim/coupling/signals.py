@@ -12,7 +12,7 @@ from cosim.onboard.camera import CAMERA_SIZE, FRAME_SIZE, NOISE
 from cosim.onboard.estimation import ESTIMATE_SIZE
 from cosim.onboard.shield import SHIELD_SIZE
 from cosim.onboard.steering import COMMAND_SIZE
-from cosim.physics.body_state import QUATERNION, body_signals, feet_of_bodies, state_size
+from cosim.physics.body_state import OF_LEG, QUATERNION, body_signals, legs_row, state_size
 from cosim.physics.neighbours import LISTS
 from cosim.physics.properties import properties_size
 
@@ -20,12 +20,12 @@ _LINE = 8  # float64 of a cache line, and most lanes of a vector
 _MANY_COLUMNS = 128
 
 
-def signal_names(motors: str, feet: int) -> tuple[str, ...]:
+def signal_names(motors: str, feet: int, legs: int = 0) -> tuple[str, ...]:
     """Names of the rows of inputs, outputs and bodies, see `State`, of robots with named motors."""
     of_motors = "the set point", "the speed noise", "the torque d", "theta", "omega", "omega_dot"
     return (
         *(f"{name} of motor {motor}" for name in of_motors for motor in motors),
-        *(f"the {name}" for name, size in body_signals(feet) for _ in range(size)),
+        *(f"the {name}" for name, size in body_signals(feet, legs) for _ in range(size)),
     )
 
 
@@ -126,6 +126,8 @@ class Samples(NamedTuple):
     normal_mean: Annotated[np.ndarray, "feet"]
     friction_mean: Annotated[np.ndarray, "feet"]
     impact: Annotated[np.ndarray, "feet"]  # normal impulse of feet as they landed in the period
+    # Deflection of the tips of elastic legs at the end of the period, body frame (x, y, z) of each
+    deflection: Annotated[np.ndarray, "3 legs"]
     # Share of the period in which feet carried weight and friction was at its limit
     slipping_share: Annotated[np.ndarray, "feet"]
     lifted_share: Annotated[np.ndarray, None]  # of the period in which a foot carried nothing
@@ -156,18 +158,25 @@ def _annotated(record: type) -> dict[str, tuple[Any, ...]]:
     return {name: hint.__metadata__ for name, hint in hints.items()}
 
 
-def _sizes(motors: int, feet: int) -> dict[Any, Any]:
+def _sizes(motors: int, feet: int, legs: int) -> dict[Any, Any]:
     sizes = {"motors": motors, "3 motors": 3 * motors, "4 motors": 4 * motors, "feet": feet}
-    return sizes | {"2 feet": 2 * feet}
+    return sizes | {"2 feet": 2 * feet, "3 legs": 3 * legs}
 
 
-def new_state(episodes: int, robots: int, columns: int, motors: int = 2, feet: int = 3) -> State:
+def new_state(
+    episodes: int,
+    robots: int,
+    columns: int,
+    motors: int = 2,
+    feet: int = 3,
+    legs: int = 0,
+) -> State:
     """State without running episodes, on endless floors without obstacles, robots without mass."""
-    sizes = _sizes(motors, feet) | {
+    sizes = _sizes(motors, feet, legs) | {
         "K": episodes,
         "B": columns,
         "pairs": episodes * robots * (robots - 1) // 2,
-        "body": state_size(feet),
+        "body": state_size(feet, legs),
         "properties": properties_size(feet, motors),
         "statistics": NORMAL + FOOT * feet,
     }
@@ -229,24 +238,29 @@ def aligned(rows: int, columns: int) -> np.ndarray:
     return memory[first : first + rows * columns].reshape(rows, columns)
 
 
-def sizes_of(state: State) -> tuple[int, int]:
-    """Return the numbers of motors and feet of a state's robots."""
-    return state.set_points.shape[0], feet_of_bodies(state.bodies)
+def sizes_of(state: State) -> tuple[int, int, int]:
+    """Return the numbers of motors, of feet and of elastic legs of a state's robots."""
+    feet = (state.statistics.shape[0] - NORMAL) // FOOT
+    return state.set_points.shape[0], feet, (state.bodies.shape[0] - legs_row(feet)) // OF_LEG
 
 
-def _room(record: type[Any], rows: int, robots: int, motors: int, feet: int) -> Any:
-    sizes, axes = _sizes(motors, feet), (mark for (mark,) in _annotated(record).values())
+def _room(record: type[Any], rows: int, robots: int, *sizes_of_robot: int) -> Any:
+    sizes, axes = _sizes(*sizes_of_robot), (mark for (mark,) in _annotated(record).values())
     return record._make(
         np.zeros((rows, robots) if mark is None else (rows, robots, sizes.get(mark, mark)))
         for mark in axes
     )
 
 
-def new_samples(periods: int, robots: int, motors: int = 2, feet: int = 3) -> Samples:
+def new_samples(
+    periods: int, robots: int, motors: int = 2, feet: int = 3, legs: int = 0
+) -> Samples:
     """Room for the samples of `periods` control periods."""
-    return _room(Samples, periods, robots, motors, feet)
+    return _room(Samples, periods, robots, motors, feet, legs)
 
 
-def new_raw_samples(ticks: int, robots: int, motors: int = 2, feet: int = 3) -> RawSamples:
+def new_raw_samples(
+    ticks: int, robots: int, motors: int = 2, feet: int = 3, legs: int = 0
+) -> RawSamples:
     """Room for a burst of `ticks` ticks."""
-    return _room(RawSamples, ticks, robots, motors, feet)
+    return _room(RawSamples, ticks, robots, motors, feet, legs)

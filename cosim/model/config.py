@@ -22,6 +22,9 @@ OnCollision = Literal["end", "continue"]
 Loop = Literal["motors", "heading"]
 
 MAX_RATIO = 10**9  # of two periods
+# Of a cantilever: the load at which it buckles, π²/12 over bending stiffness and length
+BUCKLING = math.pi**2 / 12.0
+MOST_SAG = 0.2  # of a leg's length: beyond, deflections are not small
 
 # Sources of values.
 UNKNOWN, GIVEN, OF_MOTOR = "unknown", "given", "given by motor_parameters"
@@ -114,9 +117,9 @@ class CoSimConfig:
         ):
             whole_ratio(name, timing[name], base, timing[base])
         self._check_pulses()
-        limit = self.lift_off_rad_s
+        limit = self.limit_rad_s
         for name, speed in self.steering._asdict().items():
-            if name.endswith("_speed_rad_s") and speed >= limit and not self.steering.pulse_s:
+            if name.endswith("_speed_rad_s") and speed >= limit:
                 raise ConfigError(
                     f"{name} = {speed:g} rad/s would make the robot hop; "
                     f"stay below lift-off at {limit:.0f} rad/s"
@@ -168,6 +171,7 @@ class CoSimConfig:
             )
         self._check_masses()
         self._check_places()
+        self._check_legs()
 
     def _check_places(self) -> None:
         """Refuse motors and feet outside the body, and feet on which it falls over."""
@@ -200,6 +204,38 @@ class CoSimConfig:
                 f"{1e3 * y:.3g}) mm from its axis, is not between its {len(robot.feet)} feet; "
                 "move a foot or the centre of mass, or give a lighter payload"
             )
+
+    def _check_legs(self) -> None:
+        """Refuse elastic legs that the law of contact does not describe."""
+        legs = [foot.leg for foot in self.robot.feet if foot.leg is not None]
+        if not legs:
+            return
+        if self.world.restitution:
+            raise ConfigError(
+                f"restitution = {self.world.restitution:g} has no effect on elastic feet, which "
+                "rebound by their own stiffness and damping; leave it out"
+            )
+        weight = (self.robot.mass_kg + 1e-3 * self.world.payload_g) * self.motor.g
+        sag_m = weight / sum(leg.upright_n_m for leg in legs)
+        for leg in legs:
+            load, limit = sag_m * leg.upright_n_m, BUCKLING * leg.bending_n_m * leg.length_m
+            if load >= limit:
+                raise ConfigError(
+                    f"legs buckle: one carries {1e3 * load:.3g} mN of the weight, and bends away "
+                    f"at {1e3 * limit:.3g} mN; make them stiffer, shorter or more, or the machine "
+                    "lighter"
+                )
+            if sag_m >= MOST_SAG * leg.length_m:
+                raise ConfigError(
+                    f"legs of length_m = {leg.length_m:g} sag by {1e3 * sag_m:.2g} mm under the "
+                    f"weight, more than {MOST_SAG:g} of that, which is not small; make them "
+                    "stiffer, or the machine lighter"
+                )
+
+    @property
+    def hops(self) -> bool:
+        """Whether feet may leave the floor while driving: of pulsed motors, and on elastic legs."""
+        return self.steering.pulse_s > 0.0 or self.robot.elastic
 
     @property
     def centre_of_mass_m(self) -> tuple[float, float]:
@@ -280,11 +316,15 @@ class CoSimConfig:
         return params.lift_off_speed(self.robot._replace(mass_kg=mass_kg), self.motor)
 
     @property
+    def limit_rad_s(self) -> float:
+        """Motor speed that set points stay below: lift-off, if feet may not leave the floor."""
+        return math.inf if self.hops else self.lift_off_rad_s
+
+    @property
     def top_speeds_rad_s(self) -> tuple[float, ...]:
-        """Largest set point of each motor: what it can reach, and no lift-off but in pulses."""
-        limit = math.inf if self.steering.pulse_s else self.lift_off_rad_s
+        """Largest set point of each motor: what it can reach, below the limit of all."""
         motors = params.motors_of(self.robot, self.motor)
-        return tuple(min(params.voltage_speed(own), limit) for own in motors)
+        return tuple(min(params.voltage_speed(own), self.limit_rad_s) for own in motors)
 
     @property
     def top_speed_rad_s(self) -> float:

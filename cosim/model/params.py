@@ -58,12 +58,30 @@ class Mount(NamedTuple):
     own: tuple[tuple[str, float], ...] = ()  # parameters that are stated of this motor
 
 
+class Leg(NamedTuple):
+    """A leg that bends, from the body to the tip that touches the floor, or a bundle of them."""
+
+    lean_deg: float  # from the vertical
+    lean_towards_deg: float  # direction from root to tip on the floor, counter-clockwise from +x
+    axial_n_m: float  # stiffness along the leg
+    bending_n_m: float  # stiffness across it, at the tip
+    relaxation_s: float  # damping over stiffness
+    length_m: float
+
+    @property
+    def upright_n_m(self) -> float:
+        """Stiffness against a load from above on a tip that slides without friction."""
+        down = math.cos(math.radians(self.lean_deg)) ** 2
+        return 1.0 / (down / self.axial_n_m + (1.0 - down) / self.bending_n_m)
+
+
 class Foot(NamedTuple):
-    """Where a foot touches the floor, seen from the robot's axis, and its friction."""
+    """Where a foot touches the floor, seen from the robot's axis, its friction, and its leg."""
 
     x_m: float
     y_m: float
     mu: float | None = None  # None: that of the robot
+    leg: Leg | None = None  # None: rigid; else the foot is where the tip of the straight leg is
 
 
 class RobotParams(NamedTuple):
@@ -125,6 +143,17 @@ class RobotParams(NamedTuple):
         Foot(-0.023, 0.0),
         Foot(0.011500000000000002, -0.019918584287042088),
     )
+
+    @property
+    def elastic(self) -> bool:
+        """Whether its feet are elastic legs."""
+        return self.feet[0].leg is not None
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Numbers of motors, of feet and of elastic legs."""
+        feet = len(self.feet)
+        return len(self.motors), feet, feet if self.elastic else 0
 
     @property
     def foot_radius_m(self) -> float:

@@ -4,8 +4,9 @@ A file says what differs from Tables I and II: in `[body]` (`RobotParams`), `[mo
 (`MotorParams`, of all motors), `[drive]` (of the steering), `[world]` (those of `World` that belong
 to a machine) and `[world.sensor]`. Tables `[[motor]]` and `[[foot]]` say where motors and feet are,
 and `shares` in each `[[motor]]` what it does in the motion primitives; where motors state none, a
-calibration finds them. In each table, `source` says where its values are from: a text, or a table
-with a text for each of them; at the top of the file it says so of the machine.
+calibration finds them. A `[[foot]]` with a length is an elastic leg. In each table, `source` says
+where its values are from: a text, or a table with a text for each of them; at the top of the file
+it says so of the machine.
 """
 
 import json
@@ -32,9 +33,11 @@ from cosim.model.params import (
     Amount,
     Drive,
     Foot,
+    Leg,
     MotorParams,
     MotorShares,
     Mount,
+    Positive,
     RobotParams,
     lift_off_speed,
 )
@@ -158,8 +161,11 @@ class Preset(NamedTuple):
             lines += _table("[[motor]]", where | given | common | dict(mount.own))
         feet, source = self.tree.get("feet", ((), ""))
         for foot in feet:
-            mu = {} if foot.mu is None else {"mu": foot.mu}
-            lines += _table("[[foot]]", {"source": source, "place_m": (foot.x_m, foot.y_m)} | mu)
+            own = {} if foot.mu is None else {"mu": foot.mu}
+            own |= foot.leg._asdict() if foot.leg else {}
+            if not own.get("lean_deg", 1.0):
+                del own["lean_deg"], own["lean_towards_deg"]
+            lines += _table("[[foot]]", {"source": source, "place_m": (foot.x_m, foot.y_m)} | own)
         with replacing(require_suffix(path, ".toml")) as temporary:
             temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", errors="replace")
 
@@ -207,9 +213,23 @@ class _Motor(msgspec.Struct, forbid_unknown_fields=True):
     axis: tuple[_Near, _Near, _Near]
 
 
+_OF_BEAM = ("diameter_m", "young_pa", "count")
+
+
 class _Foot(msgspec.Struct, forbid_unknown_fields=True):
     place_m: Annotated[list[_Near], Meta(min_length=2, max_length=3)]
     mu: Amount | None = None
+    # Of an elastic leg; stiffness is given, or follows from `_OF_BEAM`
+    length_m: Positive | None = None
+    lean_deg: Annotated[float, Meta(ge=0.0, le=60.0)] | None = None
+    lean_towards_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] | None = None
+    axial_n_m: Positive | None = None
+    bending_n_m: Positive | None = None
+    diameter_m: Positive | None = None
+    young_pa: Annotated[float, Meta(gt=0.0, le=1e13)] | None = None
+    count: Annotated[int, Meta(ge=1, le=100_000)] | None = None
+    relaxation_s: Positive | None = None
+    damping_ratio: Positive | None = None
 
 
 def _preset(name: str, content: dict[str, Any]) -> Preset:
@@ -222,7 +242,8 @@ def _preset(name: str, content: dict[str, Any]) -> Preset:
     else:
         tables["motor"] = file.motor
     if file.foot is not None:
-        tree["feet"] = _feet(file.foot)
+        body = validate_argument("body", file.body, dict[str, Any])
+        tree["feet"] = _feet(file.foot, body.get("mass_kg", TABLE_I.mass_kg))
     tables["world.sensor"] = validate_argument(
         "world.sensor", file.world.pop("sensor", {}), dict[str, Any]
     )
@@ -288,7 +309,7 @@ def _shares(tables: list[_Component]) -> tuple[MotorShares, ...] | None:
     return tuple(found)
 
 
-def _feet(tables: list[_Component]) -> tuple[Any, str]:
+def _feet(tables: list[_Component], mass_kg: float) -> tuple[Any, str]:
     sources = [str(table.pop("source", "")) for table in tables]
     feet = [validate_argument(f"foot[{k}]", table, _Foot) for k, table in enumerate(tables)]
     heights = [foot.place_m[2] if len(foot.place_m) == 3 else 0.0 for foot in feet]
@@ -297,8 +318,66 @@ def _feet(tables: list[_Component]) -> tuple[Any, str]:
             f"feet stand {1e6 * min(heights):g} to {1e6 * max(heights):g} µm above the floor; all "
             f"must be at 0, within {1e6 * PLANE_M:g} µm: a foot that is shorter carries nothing"
         )
-    places = tuple(Foot(foot.place_m[0], foot.place_m[1], foot.mu) for foot in feet)
-    return places, _joined(sources)
+    legs = _legs(feet, mass_kg)
+    return tuple(
+        Foot(foot.place_m[0], foot.place_m[1], foot.mu, leg)
+        for foot, leg in zip(feet, legs, strict=True)
+    ), _joined(sources)
+
+
+def _legs(feet: list[_Foot], mass_kg: float) -> list[Leg | None]:
+    """Return the elastic leg of each foot, or None of each."""
+    stated = [
+        [n for n in foot.__struct_fields__[2:] if getattr(foot, n) is not None] for foot in feet
+    ]
+    if not any(stated):
+        return [None] * len(feet)
+    legs = []
+    for k, (foot, names) in enumerate(zip(feet, stated, strict=True)):
+        where = f"foot[{k}]"
+        if not names:
+            raise UserError(f"{where} is rigid, but others are elastic; make all of them one kind")
+        if foot.length_m is None:
+            raise UserError(f"{where} states {', '.join(names)} but no length_m; give it")
+        axial, bending = _stiffness(where, foot, names)
+        lean, towards = foot.lean_deg or 0.0, foot.lean_towards_deg
+        if (towards is None) != (lean == 0.0):
+            raise UserError(
+                f"{where}.lean_deg = {lean:g} and lean_towards_deg belong together; give both of a "
+                "leg that leans, the direction on the floor from its root to its tip"
+            )
+        if (foot.relaxation_s is None) == (foot.damping_ratio is None):
+            raise UserError(
+                f"{where} needs relaxation_s or damping_ratio, and one of them: without damping a "
+                "robot hops for ever"
+            )
+        leg = Leg(lean, towards or 0.0, axial, bending, foot.relaxation_s or 0.0, foot.length_m)
+        legs.append(leg)
+    bounce = math.sqrt(sum(leg.upright_n_m for leg in legs) / mass_kg)
+    return [
+        leg
+        if foot.damping_ratio is None
+        else leg._replace(relaxation_s=2.0 * foot.damping_ratio / bounce)
+        for foot, leg in zip(feet, legs, strict=True)
+    ]
+
+
+def _stiffness(where: str, foot: _Foot, names: list[str]) -> tuple[float, float]:
+    """Return axial and bending stiffness of a leg in N/m: given, or those of round cantilevers."""
+    given, beam = ("axial_n_m", "bending_n_m"), _OF_BEAM[:2]
+    if set(given) <= set(names) and set(names).isdisjoint(_OF_BEAM):
+        assert foot.axial_n_m and foot.bending_n_m
+        return foot.axial_n_m, foot.bending_n_m
+    if set(beam) <= set(names) and set(names).isdisjoint(given):
+        assert foot.diameter_m and foot.young_pa and foot.length_m
+        area = 0.25 * math.pi * foot.diameter_m**2
+        axial = (foot.count or 1) * foot.young_pa * area / foot.length_m
+        # E A/L, and 3 E I/L³ with I = A d²/16
+        return axial, axial * 3.0 / 16.0 * (foot.diameter_m / foot.length_m) ** 2
+    raise UserError(
+        f"{where} states {', '.join(names)}; its stiffness is {' and '.join(given)}, or follows "
+        f"from {', '.join(_OF_BEAM)} (by default 1): give all of one of both"
+    )
 
 
 def _joined(sources: list[str]) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 
 from cosim.base.jit import inlined, unrolled
 from cosim.model.params import RobotParams
-from cosim.physics.contact import Impulse
+from cosim.physics.feet import Impulse, LegState
 from cosim.physics.lanes import Width, load, store
 from cosim.physics.rotation import Quaternion, Vector, rotation_matrix
 from cosim.physics.trig import sine_cosine
@@ -18,7 +18,9 @@ Q_W, Q_X, Q_Y, Q_Z = 3, 4, 5, 6  # quaternion, world from body
 V_X, V_Y, V_Z = 7, 8, 9  # velocity of the centre of mass, world frame, m/s
 W_X, W_Y, W_Z = 10, 11, 12  # angular velocity, body frame, rad/s
 NORMALS = 13  # normal impulses of M feet in the last step, N s
-# After them: friction impulses of these feet, body frame (x, y, z) each, N s
+# After them: friction impulses of these feet, body frame (x, y, z) each, N s; then of each elastic
+# leg its deflection, body frame (x, y, z), and the place (x, y) of its tip, world frame, m
+OF_LEG = 5
 POSITION, QUATERNION = slice(X, Q_W), slice(Q_W, V_X)
 PLANE = slice(X, Z)  # x and y of the position
 VELOCITY, ANGULAR_VELOCITY = slice(V_X, W_X), slice(W_X, NORMALS)
@@ -26,12 +28,12 @@ VELOCITY, ANGULAR_VELOCITY = slice(V_X, W_X), slice(W_X, NORMALS)
 LEAST_UPRIGHT = 0.5
 
 
-def state_size(feet: int) -> int:
-    """Length of a state of a body with some feet."""
-    return NORMALS + 4 * feet
+def state_size(feet: int, legs: int = 0) -> int:
+    """Length of a state of a body with some feet, of which some are elastic legs."""
+    return legs_row(feet) + OF_LEG * legs
 
 
-def body_signals(feet: int) -> tuple[tuple[str, int], ...]:
+def body_signals(feet: int, legs: int = 0) -> tuple[tuple[str, int], ...]:
     """Name and size of each signal of a state, in their order."""
     return (
         ("position", 3),
@@ -40,19 +42,20 @@ def body_signals(feet: int) -> tuple[tuple[str, int], ...]:
         ("angular velocity", 3),
         ("normal impulse", feet),
         ("friction impulse", 3 * feet),
+        ("deflection or tip of a leg", OF_LEG * legs),
     )
 
 
 @inlined
-def feet_of_bodies(bodies: np.ndarray) -> int:
-    """Number of feet of a state, or of the bodies in an array of them."""
-    return (bodies.shape[0] - NORMALS) // 4
+def frictions(feet: int) -> int:
+    """First row of the friction impulses of some feet."""
+    return NORMALS + feet
 
 
 @inlined
-def frictions(bodies: np.ndarray) -> int:
-    """First row of the friction impulses."""
-    return NORMALS + feet_of_bodies(bodies)
+def legs_row(feet: int) -> int:
+    """First row of what elastic legs remember."""
+    return NORMALS + 4 * feet
 
 
 @inlined
@@ -70,8 +73,8 @@ def stand(state: np.ndarray, height_m: float, x_m: float, y_m: float, heading_ra
 
 
 def standing_state(robot: RobotParams, x_m: float, y_m: float, heading_rad: float) -> np.ndarray:
-    """State of a robot at rest on its feet, shape (state_size(M),)."""
-    state = np.empty(state_size(len(robot.feet)))
+    """State of a robot at rest on its feet, shape (state_size(M),); elastic legs are not bent."""
+    state = np.empty(state_size(len(robot.feet), robot.sizes[2]))
     stand(state, robot.com_height_m, x_m, y_m, heading_rad)
     return state
 
@@ -84,17 +87,25 @@ class Body(NamedTuple):
     velocity: Vector  # of the centre of mass, world frame, m/s
     omega: Vector  # body frame, rad/s
     impulses: tuple[Impulse, ...]  # impulses of the feet in the last step, body frame, N s
+    legs: tuple[LegState, ...]  # of elastic feet, at the end of that step; else none
 
 
 @inlined
-def read_body(bodies: np.ndarray, column: int, width: Width, order: tuple[int, ...]) -> Body:
-    """Bodies of (S, B) from a column on, one for every lane; feet in an order."""
+def read_body(
+    bodies: np.ndarray, column: int, width: Width, order: tuple[int, ...], legs: tuple
+) -> Body:
+    """Bodies of (S, B) from a column on, one for every lane; feet in an order.
+
+    Args:
+        legs: as many as feet that are elastic.
+    """
     return Body(
         read_vector(bodies, X, column, width),
         (load(bodies, Q_W, column, width), *read_vector(bodies, Q_X, column, width)),
         read_vector(bodies, V_X, column, width),
         read_vector(bodies, W_X, column, width),
-        _read_impulses(bodies, column, width, order),
+        _read_impulses(bodies, frictions(len(order)), column, width, order),
+        _read_legs(bodies, legs_row(len(order)), column, width, order, legs),
     )
 
 
@@ -112,13 +123,30 @@ def is_upright(body: np.ndarray) -> bool:
 
 @unrolled
 def _read_impulses(
-    bodies: np.ndarray, column: int, width: Width, order: tuple[int, ...]
+    bodies: np.ndarray, first: int, column: int, width: Width, order: tuple[int, ...]
 ) -> tuple[Impulse, ...]:
     if len(order) == 0:
         return ()
     normal = load(bodies, NORMALS + order[0], column, width)
-    impulse = normal, read_vector(bodies, frictions(bodies) + 3 * order[0], column, width)
-    return (impulse, *_read_impulses(bodies, column, width, order[1:]))
+    impulse = normal, read_vector(bodies, first + 3 * order[0], column, width)
+    return (impulse, *_read_impulses(bodies, first, column, width, order[1:]))
+
+
+@unrolled
+def _read_legs(
+    bodies: np.ndarray,
+    first: int,
+    column: int,
+    width: Width,
+    order: tuple[int, ...],
+    legs: tuple,
+) -> tuple[LegState, ...]:
+    if len(legs) == 0:
+        return ()
+    row = first + OF_LEG * order[0]
+    tip = load(bodies, row + 3, column, width), load(bodies, row + 4, column, width)
+    leg = read_vector(bodies, row, column, width), tip
+    return (leg, *_read_legs(bodies, first, column, width, order[1:], legs[1:]))
 
 
 @inlined
@@ -141,12 +169,14 @@ def write_body(
     _write_vector(bodies, Q_X, column, width, body.orientation[1:])
     _write_vector(bodies, V_X, column, width, body.velocity)
     _write_vector(bodies, W_X, column, width, body.omega)
-    _write_impulses(bodies, column, width, order, body.impulses)
+    _write_impulses(bodies, frictions(len(order)), column, width, order, body.impulses)
+    _write_legs(bodies, legs_row(len(order)), column, width, order, body.legs)
 
 
 @unrolled
 def _write_impulses(
     bodies: np.ndarray,
+    first: int,
     column: int,
     width: Width,
     order: tuple[int, ...],
@@ -154,8 +184,25 @@ def _write_impulses(
 ) -> None:
     if len(order) > 0:
         store(bodies, NORMALS + order[0], column, width, impulses[0][0])
-        _write_vector(bodies, frictions(bodies) + 3 * order[0], column, width, impulses[0][1])
-        _write_impulses(bodies, column, width, order[1:], impulses[1:])
+        _write_vector(bodies, first + 3 * order[0], column, width, impulses[0][1])
+        _write_impulses(bodies, first, column, width, order[1:], impulses[1:])
+
+
+@unrolled
+def _write_legs(
+    bodies: np.ndarray,
+    first: int,
+    column: int,
+    width: Width,
+    order: tuple[int, ...],
+    legs: tuple[LegState, ...],
+) -> None:
+    if len(legs) > 0:
+        row = first + OF_LEG * order[0]
+        _write_vector(bodies, row, column, width, legs[0][0])
+        store(bodies, row + 3, column, width, legs[0][1][0])
+        store(bodies, row + 4, column, width, legs[0][1][1])
+        _write_legs(bodies, first, column, width, order[1:], legs[1:])
 
 
 @inlined

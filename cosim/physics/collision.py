@@ -15,7 +15,7 @@ import numpy as np
 from cosim.base.jit import inlined
 from cosim.model.scenario import touches_obstacle as definition
 from cosim.physics.body_state import V_X, V_Y, W_Z, X, Y, orientation_of
-from cosim.physics.contact import allowed_approach
+from cosim.physics.contact.rigid import allowed_approach
 from cosim.physics.neighbours import FOUND, find_near, list_by_cells
 from cosim.physics.properties import CENTRE, INVERSE_INERTIA, INVERSE_MASS
 from cosim.physics.rotation import rotation_matrix, to_centre

@@ -5,7 +5,6 @@ Robots of one batch may live in different worlds: everything that a world change
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,22 +12,26 @@ from cosim.base.jit import inlined, kernel, unrolled
 from cosim.model.params import MotorParams, RobotParams
 from cosim.model.world import IDEAL, World
 from cosim.physics.body_state import X, Y, orientation_of, read_vector
-from cosim.physics.contact import CONTACT_TOLERANCE, OWN_MU, ContactParams, contact_params
+from cosim.physics.contact.elastic import elastic_contact
+from cosim.physics.contact.law import read_contact
+from cosim.physics.contact.rigid import CONTACT_TOLERANCE, rigid_contact
+from cosim.physics.feet import OWN_MU
 from cosim.physics.forces import MotorMount
+from cosim.physics.inertia import BodyParams
 from cosim.physics.lanes import Width, any_lane, load
 from cosim.physics.mass import mass_of
 from cosim.physics.rotation import Vector, dot, rotation_matrix
 from cosim.physics.trig import sine_cosine
 
 # Rows of the properties, in SI units; of vectors the first one. Names are those of `BodyParams`,
-# `ContactParams` and `MotorMount`.
+# `MotorMount` and of the parameters of a law of contact.
 INVERSE_MASS = 0
 INERTIA, INVERSE_INERTIA = 1, 4
 PRODUCT, INVERSE_PRODUCT = 7, 8
 CENTRE = 9
 GRAVITY = 11
 RESTITUTION = 14
-STEP_NORMAL, STEP_TANGENTIAL, SPIN_INERTIA, TOLERANCE, COMPLIANCE = 15, 16, 17, 18, 19
+LAW = 15  # of the law of contact, five
 FEET_Z = 20
 MU = 21  # now under each of M feet
 # After them: these where no patch is, then r and J of each motor.
@@ -37,27 +40,6 @@ MU = 21  # now under each of M feet
 def properties_size(feet: int, motors: int) -> int:
     """Number of rows."""
     return MU + 2 * feet + 2 * motors
-
-
-class BodyParams(NamedTuple):
-    """Constants of one robot's equations of motion, or of those in lanes; SI units, body frame."""
-
-    inverse_mass: float  # 1/kg
-    # inertia, inverse_inertia: moments in kg m², and the diagonal of the inverse tensor
-    inertia: Vector
-    inverse_inertia: Vector
-    # product, inverse_product: elements xy of both tensors
-    product: float
-    inverse_product: float
-    centre: tuple[float, float]  # x and y of the centre of mass from the robot's axis in m
-    off_axis: bool  # whether it is not on the axis, of any lane; products are zero where it is not
-    gravity: Vector  # in the world frame, m/s²
-    restitution: float  # of the feet: share of the speed of an impact with which they leave
-    bounces: bool  # whether it is not zero, of any lane
-    # dt, inverse_dt: step in s and its inverse
-    dt: float
-    inverse_dt: float
-    contact: ContactParams  # contact solver parameters
 
 
 def body_params(
@@ -73,9 +55,14 @@ def body_params(
 
     Args:
         gravity: in the world frame, m/s²; default g straight down.
-        tolerance: contact sweeps end when impulses change by less than this share of weight·dt.
+        tolerance: contact sweeps end when impulses change by less than this share of weight·dt;
+            elastic feet need none.
     """
     mass = mass_of(robot, world)
+    if robot.elastic:
+        contact = elastic_contact(robot, mass, dt_s)
+    else:
+        contact = rigid_contact(robot, tolerance * mass.total * motor.g * dt_s, mass)
     return BodyParams(
         inverse_mass=1.0 / mass.total,
         inertia=mass.inertia,
@@ -89,7 +76,7 @@ def body_params(
         bounces=bool(world.restitution),
         dt=dt_s,
         inverse_dt=1.0 / dt_s,
-        contact=contact_params(robot, tolerance * mass.total * motor.g * dt_s, mass),
+        contact=contact,
     )
 
 
@@ -103,9 +90,7 @@ def properties_of(params: BodyParams, mounts: Sequence[MotorMount]) -> np.ndarra
             params.inverse_mass,
             *(*params.inertia, *params.inverse_inertia, params.product, params.inverse_product),
             *(*params.centre, *params.gravity, params.restitution),
-            *(contact.step_normal, contact.step_tangential, contact.spin_inertia),
-            *(contact.tolerance, contact.compliance, contact.z),
-            *(*mu, *mu),
+            *(*contact.rows, contact.z, *mu, *mu),
             *(value for mount in mounts for value in (mount.r, mount.J)),
         ]
     )
@@ -158,17 +143,14 @@ def read_params(
         any_lane(restitution > 0.0),
         common.dt,
         common.inverse_dt,
-        ContactParams(
-            common.contact.pairing,
-            common.contact.feet,
+        read_contact(
+            common.contact,
             load(properties, FEET_Z, column, width),
             _read_rows(properties, MU, column, width, common.contact.pairing.order),
-            load(properties, STEP_NORMAL, column, width),
-            load(properties, STEP_TANGENTIAL, column, width),
-            load(properties, SPIN_INERTIA, column, width),
-            load(properties, TOLERANCE, column, width),
-            load(properties, COMPLIANCE, column, width),
-            common.contact.max_sweeps,
+            properties,
+            LAW,
+            column,
+            width,
         ),
     )
 

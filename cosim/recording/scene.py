@@ -18,7 +18,7 @@ from cosim.model.params import RobotParams, motors_of
 from cosim.model.scenario import Scenario
 from cosim.model.world import Patch
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
-from cosim.physics.contact import foot_positions
+from cosim.physics.feet import foot_positions
 from cosim.physics.forces import directions
 from cosim.recording.file import Kept, simulated
 from cosim.recording.series import (

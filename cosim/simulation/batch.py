@@ -40,7 +40,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell, Scenario
 from cosim.model.world import motor_phases
 from cosim.onboard.camera import NOISE, SIGHT, frames_in_flight, frames_within
-from cosim.physics.contact import NO_FLOOR, OWN_MU, floor_margin
+from cosim.physics.feet import NO_FLOOR, OWN_MU, floor_margin
 from cosim.physics.lanes import host_lanes
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.measures import PATH_SAMPLING_S, Measures
@@ -120,7 +120,7 @@ class Batch:
         self._motors = Motors(fmu, config, columns, sampled=driver == "fmpy")
         self.driver = DRIVERS[driver](self._motors, lanes)
         self.plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
-        self._sizes = len(config.robot.motors), len(config.robot.feet)
+        self._sizes = config.robot.sizes
         self.state = new_state(places, robots, columns, *self._sizes)
         self.state.properties[:] = robot_properties(config)[:, None]
         self.episodes: list[RunningEpisode | None] = [None] * places

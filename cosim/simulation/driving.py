@@ -144,8 +144,8 @@ class DrivenEpisode(RunningEpisode):
                 f"the policy returned {shorten(action)}; expected {n} x {motors} finite numbers, "
                 "the set points of each robot's motors in rad/s"
             )
-        fastest, limit = float(np.abs(set_points).max()), self.config.lift_off_rad_s
-        if fastest >= limit and not self.config.steering.pulse_s:
+        fastest, limit = float(np.abs(set_points).max()), self.config.limit_rad_s
+        if fastest >= limit:
             raise UserError(
                 f"the policy commands a motor speed of {fastest:g} rad/s, which would make the "
                 f"robot hop; stay below lift-off at {limit:.0f} rad/s (without any hop up to "

@@ -23,7 +23,7 @@ from cosim.onboard.shield import PARKED, plan_margin
 from cosim.onboard.steering import DIRECTION, DRIVE, GOAL_X, HOLD, MODE, PAST, START, waits
 from cosim.onboard.yielding import DETOUR_DRAWS, WAIT, Board, board_of, give_way
 from cosim.physics.body_state import X, Y, stand
-from cosim.physics.contact import floor_margin
+from cosim.physics.feet import floor_margin
 
 # Ticks that passed, moves that the shield changed, uniform numbers for detours that are used up.
 TICK, CONFLICTS, USED = range(3)

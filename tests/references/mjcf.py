@@ -15,7 +15,7 @@ import numpy as np
 from cosim.base.jit import kernel
 from cosim.machine.identification.simulated import Machine
 from cosim.model.params import MotorParams, RobotParams, cylinder_inertia
-from cosim.physics.contact import foot_positions
+from cosim.physics.feet import foot_positions
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.lanes import width_of
 from cosim.physics.rotation import headings

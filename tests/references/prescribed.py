@@ -23,10 +23,11 @@ from cosim.physics.body_state import (
     state_size,
     write_body,
 )
-from cosim.physics.contact import CONTACT_TOLERANCE
+from cosim.physics.contact.rigid import CONTACT_TOLERANCE, Rigid
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
+from cosim.physics.inertia import BodyParams
 from cosim.physics.lanes import width_of
-from cosim.physics.properties import BodyParams, body_params
+from cosim.physics.properties import body_params
 from cosim.physics.rotation import Vector, cross, dot, plus, rotation_matrix, to_body, to_centre
 
 _ONE = width_of(1)
@@ -87,7 +88,7 @@ def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vect
     Arguments are those of `cosim.physics.body.stepped`.
     """
     bodies, order = state.reshape(state.size, 1), params.contact.pairing.order
-    before = read_body(bodies, 0, _ONE, order)
+    before = read_body(bodies, 0, _ONE, order, params.contact.legs)
     after, unsolved = stepped(before, params, force, moment)
     write_body(bodies, 0, _ONE, order, after)
     return unsolved
@@ -110,8 +111,8 @@ def push(state: np.ndarray, params: BodyParams, wrenches: np.ndarray, tally: np.
         tally: (5,) work in J of the wrenches, of normal forces and of friction, the largest work of
             both in one tick, and the number of ticks with unsolved contacts; added to.
     """
-    contact, count = params.contact, len(params.contact.feet)
-    order, (off_x, off_y) = contact.pairing.order, params.centre
+    contact: Rigid = params.contact
+    order, (off_x, off_y), count = contact.pairing.order, params.centre, len(contact.feet)
     for tick in range(len(wrenches)):
         w = wrenches[tick]
         force, moment = (w[0], w[1], w[2]), (w[3], w[4], w[5])

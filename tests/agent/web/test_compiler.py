@@ -205,7 +205,7 @@ def test_a_constant_of_a_kernel_changes_modules_and_python_alike(
     for folder in ("agent", "analysis", "cosim", "fmus", "minirobots", "tests"):
         shutil.copytree(ROOT / folder, copy / folder)
     shutil.copy(ROOT / "pyproject.toml", copy)
-    contact = copy / "cosim/physics/contact.py"
+    contact = copy / "cosim/physics/contact/rigid.py"
     text = contact.read_text("utf-8")
     assert "\nGAP_CORRECTION = 0.1\n" in text
     contact.write_text(text.replace("GAP_CORRECTION = 0.1", "GAP_CORRECTION = 0.12"), "utf-8")

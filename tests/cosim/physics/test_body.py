@@ -15,7 +15,8 @@ from cosim.physics.body_state import (
     VELOCITY,
     standing_state,
 )
-from cosim.physics.properties import BodyParams, body_params
+from cosim.physics.inertia import BodyParams
+from cosim.physics.properties import body_params
 from cosim.physics.rotation import heading, rotation_matrix
 from tests.references.prescribed import NORMAL_IMPULSE, audit, coast, energy, solved_out
 

@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.model.params import TABLE_I, TABLE_II, TIMING
-from cosim.physics import body_state, contact, properties
+from cosim.physics import body_state, feet, properties
+from cosim.physics.contact import rigid as contact
 from tests.references.prescribed import FRICTION_IMPULSE, NORMAL_IMPULSE, coast, solved_out
 
-PARAMS, MU = contact.contact_params(TABLE_I, 0.0), TABLE_I.mu
+PARAMS, MU = contact.rigid_contact(TABLE_I, 0.0), TABLE_I.mu
 # Contacts iterated until nothing changes: their laws then hold to rounding.
 CONVERGED = solved_out(properties.body_params(TABLE_I, TABLE_II, TIMING.dt_s, tolerance=1e-10))
 
@@ -21,7 +22,7 @@ impulses = st.floats(-1e-5, 1e-5)
 
 
 def test_feet_are_an_equilateral_triangle_symmetric_in_every_bit():
-    a, b, c = contact.foot_positions(TABLE_I)
+    a, b, c = feet.foot_positions(TABLE_I)
     sides = [math.dist(a, b), math.dist(b, c), math.dist(c, a)]
     assert sides == pytest.approx([math.sqrt(3.0) * TABLE_I.foot_radius_m] * 3)
     assert (a[0], a[1], a[2]) == (c[0], -c[1], c[2])
@@ -31,27 +32,27 @@ def test_feet_are_an_equilateral_triangle_symmetric_in_every_bit():
 
 def test_delassus_maps_impulses_to_foot_velocities():
     """Column by column against the impulse equations of the body."""
-    operator = contact.delassus(TABLE_I)
+    operator = feet.delassus(TABLE_I)
     np.testing.assert_allclose(operator, operator.T, atol=1e-9)
     assert np.linalg.matrix_rank(operator) == 6  # so that friction of sticking feet is not unique
-    feet = contact.foot_positions(TABLE_I)
+    places = feet.foot_positions(TABLE_I)
     inertia = np.array(CONVERGED.inertia)
     for column, impulse in enumerate(np.eye(9)):
         p = impulse.reshape(3, 3)
         v = p.sum(axis=0) / TABLE_I.mass_kg
-        omega = np.cross(feet, p).sum(axis=0) / inertia
-        np.testing.assert_allclose(operator[:, column], (v + np.cross(omega, feet)).ravel())
+        omega = np.cross(places, p).sum(axis=0) / inertia
+        np.testing.assert_allclose(operator[:, column], (v + np.cross(omega, places)).ravel())
 
 
 @pytest.mark.parametrize("radius_m", [0.005, 0.023, 0.1])
 @pytest.mark.parametrize("height_m", [0.003, 0.015, 0.05])
 def test_step_sizes_make_sweeps_contractions(radius_m, height_m):
     robot = TABLE_I.spread(radius_m / 0.023)._replace(com_height_m=height_m)
-    params = contact.contact_params(robot, 0.0)
+    params = contact.rigid_contact(robot, 0.0)
     tangential, normal = params.step_tangential, params.step_normal
     steps = np.array([tangential, tangential, normal] * 3)
     root = np.sqrt(steps)
-    spectrum = np.linalg.eigvalsh(np.outer(root, root) * contact.delassus(robot))
+    spectrum = np.linalg.eigvalsh(np.outer(root, root) * feet.delassus(robot))
     assert spectrum[0] > -1e-12
     assert spectrum[-1] == pytest.approx(1.0)
 
@@ -101,8 +102,8 @@ def test_solutions_obey_signorini_and_coulomb(v, omega, mu):
     # The body stood upright: body and world frames agree in this one step.
     pressed = state[NORMAL_IMPULSE]
     friction = state[FRICTION_IMPULSE].reshape(3, 3)
-    feet = contact.foot_positions(TABLE_I)
-    moved = state[body_state.VELOCITY] + np.cross(state[body_state.ANGULAR_VELOCITY], feet)
+    places = feet.foot_positions(TABLE_I)
+    moved = state[body_state.VELOCITY] + np.cross(state[body_state.ANGULAR_VELOCITY], places)
     size = np.abs(np.concatenate([v, omega])).max() + 1e-3
     assert np.all(pressed >= 0.0)
     assert np.all(moved[:, 2] >= -1e-7 * size)

@@ -26,8 +26,9 @@ from cosim.physics.body_state import (
     VELOCITY,
     standing_state,
 )
-from cosim.physics.contact import delassus, foot_positions
-from cosim.physics.properties import BodyParams, body_params
+from cosim.physics.feet import delassus, foot_positions
+from cosim.physics.inertia import BodyParams
+from cosim.physics.properties import body_params
 from cosim.physics.rotation import rotation_matrix
 from tests.generated import Machine, broken, machines
 from tests.references.prescribed import coast, energy, push, turning

@@ -33,7 +33,7 @@ from cosim.physics.body_state import (
     W_Z,
     standing_state,
 )
-from cosim.physics.contact import foot_positions
+from cosim.physics.feet import foot_positions
 from cosim.physics.forces import directions, motor_mounts, motor_wrench
 from cosim.physics.properties import body_params
 from tests.references.prescribed import audit, coast

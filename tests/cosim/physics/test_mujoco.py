@@ -18,7 +18,7 @@ from benchmarks.machines import machine
 from cosim.base.jit import kernel
 from cosim.machine.identification.simulated import Machine, tracks
 from cosim.model.params import TABLE_I, TABLE_II, motors_of
-from cosim.physics.contact import foot_positions
+from cosim.physics.feet import foot_positions
 from cosim.physics.rotation import cross, plus, rotated, rotation_matrix, to_body, to_world
 from tests.references.mjcf import mujoco_track, robots_mjcf
 from tests.references.prescribed import Drive, Rig, drive_wrench, mean_motion, rig

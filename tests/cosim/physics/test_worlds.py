@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from cosim.base.jit import kernel
 from cosim.model.params import TABLE_I, TABLE_II, TIMING
 from cosim.model.world import World
-from cosim.physics.body import about_centre, at_axis
 from cosim.physics.body_state import (
     ANGULAR_VELOCITY,
     POSITION,
@@ -18,10 +17,11 @@ from cosim.physics.body_state import (
     VELOCITY,
     standing_state,
 )
-from cosim.physics.contact import foot_positions
+from cosim.physics.feet import foot_positions
 from cosim.physics.forces import motor_mounts
+from cosim.physics.inertia import BodyParams, about_centre, at_axis
 from cosim.physics.mass import mass_of
-from cosim.physics.properties import MU, BodyParams, body_params, feel_patches
+from cosim.physics.properties import MU, body_params, feel_patches
 from cosim.physics.properties import properties_of as column_of
 from cosim.physics.rotation import rotation_matrix
 from tests.references.prescribed import NORMAL_IMPULSE, coast, energy, solved_out, step_body

@@ -9,7 +9,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD, TABLE_I
 from cosim.model.scenario import Scenario
 from cosim.model.world import World
-from cosim.physics.contact import foot_positions
+from cosim.physics.feet import foot_positions
 from cosim.physics.rotation import headings
 from tests.alone import CoSimulation, same
 

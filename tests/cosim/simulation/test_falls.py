@@ -10,7 +10,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING
 from cosim.model.scenario import Scenario
 from cosim.physics.body_state import V_X, W_Y, Y, Z
-from cosim.physics.properties import TOLERANCE
+from cosim.physics.properties import LAW
 from cosim.simulation.batch import Batch
 
 PAIR = Scenario("pair", "", ((5, 20), (20, 20)), (((5, 5),), ((20, 5),)))
@@ -40,7 +40,7 @@ def test_a_robot_that_tips_over_in_an_episode_is_named_with_the_time(driver, arr
 def test_contacts_that_are_not_solved_are_refused(array_fmu):
     """None is, for 3 ms, after many that were not."""
     batch, actions = batch_of_three(array_fmu)
-    batch.state.properties[TOLERANCE, 1], batch.state.unsolved[1] = -1.0, 750.0
+    batch.state.properties[LAW + 3, 1], batch.state.unsolved[1] = -1.0, 750.0
     with pytest.raises(FallError, match=r"^the contacts of robot 2 .* not solved .* to 0\.00 s;"):
         batch.advance(actions)
     batch.close()

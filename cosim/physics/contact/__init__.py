@@ -1,0 +1,1 @@
+"""Laws of contact between feet and floor, one per file."""

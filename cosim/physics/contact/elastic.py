@@ -1,0 +1,249 @@
+"""Elastic legs that end in tips: linear beams without mass, closed form for each foot.
+
+Beam of Euler and Bernoulli with axial and bending stiffness, Kelvin–Voigt damping (stiffness and
+damping are proportional), a tip that is a point with Coulomb friction, static = kinetic. The state
+of a leg is the deflection of its tip and where the tip is on the floor. A tip sticks where it is
+if friction can hold it, else it slides by what brings the force back to the edge of the cone; stick
+comes first, which makes the answer unique where a leg that is pushed against its lean jams. A tip
+in the air relaxes, and a tip that lands is where it lands.
+
+Explicit in the deflection, implicit in its rate, first order in the time step. Deflections are
+small against the leg. A body on rigid feet is the limit of stiff legs.
+Tests: tests/cosim/physics/test_elastic.py.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.base.arguments import ConfigError
+from cosim.base.jit import inlined, unrolled
+from cosim.model.params import Leg, RobotParams
+from cosim.physics.body_state import Body
+from cosim.physics.feet import Impulse, LegState, Pairing, Response, delassus, paired
+from cosim.physics.inertia import BodyParams, about_centre, times
+from cosim.physics.lanes import Width, select
+from cosim.physics.mass import Mass
+from cosim.physics.rotation import Matrix, Vector, cross, dot, plus, to_body, to_world
+from cosim.physics.trig import sine_cosine
+
+
+class Beam(NamedTuple):
+    """Constants of a leg for a time step; τ is its relaxation time."""
+
+    axis: Vector  # from root to tip, unit vector, body frame
+    bending: float  # bending stiffness (1 + τ/dt) k_b, N/m
+    stiffening: float  # what is added to it along the axis, (1 + τ/dt) (k_a − k_b)
+    memory: float  # share τ/(τ + dt) of its deflection that a free leg keeps in a step
+
+
+class Elastic(NamedTuple):
+    """Elastic legs of a robot, in the order of the pairing (body frame)."""
+
+    pairing: Pairing
+    # Positions (x, y) of the tips of straight legs, from the robot's axis, m
+    feet: tuple[tuple[float, float], ...]
+    z: float  # of all of them, from the height of the centre of mass, m
+    # Coulomb friction coefficient under each of them; or NO_FLOOR
+    mu: tuple[float, ...]
+    legs: tuple[Beam, ...]
+    dt: float  # s
+
+    @property
+    def rows(self) -> tuple[float, ...]:
+        """Values that a world changes: none, in the place of those of the rigid law."""
+        return (0.0,) * 5
+
+
+def elastic_contact(robot: RobotParams, mass: Mass, dt_s: float) -> Elastic:
+    """Legs of a robot; a time step that is too long for them raises a ConfigError."""
+    pairing = paired([(foot.x_m, foot.y_m) for foot in robot.feet])
+    feet = [robot.feet[k] for k in pairing.order]
+    legs = [foot.leg for foot in feet if foot.leg is not None]
+    _require_stable(robot, mass, dt_s)
+    return Elastic(
+        pairing,
+        tuple((foot.x_m, foot.y_m) for foot in feet),
+        -robot.com_height_m,
+        tuple(robot.mu if foot.mu is None else foot.mu for foot in feet),
+        tuple(_beam(leg, dt_s) for leg in legs),
+        dt_s,
+    )
+
+
+def _beam(leg: Leg, dt_s: float) -> Beam:
+    damped = 1.0 + leg.relaxation_s / dt_s
+    stiffening = damped * (leg.axial_n_m - leg.bending_n_m)
+    memory = leg.relaxation_s / (leg.relaxation_s + dt_s)
+    return Beam(axis_of(leg), damped * leg.bending_n_m, stiffening, memory)
+
+
+def axis_of(leg: Leg) -> Vector:
+    """Unit vector from root to tip, body frame."""
+    level, down = sine_cosine(math.radians(leg.lean_deg))
+    aside, ahead = sine_cosine(math.radians(leg.lean_towards_deg))
+    return level * ahead, level * aside, -down
+
+
+def stiffness(leg: Leg) -> np.ndarray:
+    """Stiffness matrix of a leg at its tip, (3, 3), body frame, N/m."""
+    along = np.outer(axis_of(leg), axis_of(leg))
+    return leg.bending_n_m * np.eye(3) + (leg.axial_n_m - leg.bending_n_m) * along
+
+
+def _require_stable(robot: RobotParams, mass: Mass, dt_s: float) -> None:
+    """Refuse a time step that is too long: ω dt < 2 (√(1 + ζ²) − ζ) of the fastest oscillation."""
+    legs = [foot.leg for foot in robot.feet if foot.leg is not None]
+    operator = delassus(robot, mass)
+    for k, leg in enumerate(legs):  # on the right: of each foot's columns
+        operator[:, 3 * k : 3 * k + 3] = operator[:, 3 * k : 3 * k + 3] @ stiffness(leg)
+    omega = math.sqrt(np.abs(np.linalg.eigvals(operator)).max())
+    zeta = 0.5 * omega * max(leg.relaxation_s for leg in legs)
+    longest_s = 2.0 * (math.sqrt(1.0 + zeta * zeta) - zeta) / omega
+    if dt_s >= longest_s:
+        raise ConfigError(
+            f"the legs are too stiff for dt_s = {dt_s:g}: the fastest oscillation of the body on "
+            f"them has {omega / (2.0 * math.pi):.0f} Hz and needs a step below {longest_s:.2g} s; "
+            "choose a shorter one, softer legs, less damping, or rigid feet"
+        )
+
+
+@inlined
+def read(
+    contact: Elastic,
+    z: float,
+    mu: tuple[float, ...],
+    properties: np.ndarray,
+    row: int,
+    column: int,
+    width: Width,
+) -> Elastic:
+    """Parameters of the robots from a column of properties on."""
+    return Elastic(contact.pairing, contact.feet, z, mu, contact.legs, contact.dt)
+
+
+@inlined
+def response(
+    contact: Elastic,
+    params: BodyParams,
+    body: Body,
+    world_from_body: Matrix,
+    velocity: Vector,
+    omega: Vector,
+) -> Response:
+    """What the floor does to a body in a step, see `cosim.physics.contact.law`."""
+    impulses, legs, total, moment = _pushed(
+        contact.feet, contact.legs, contact.mu, body.impulses, body.legs, contact, body,
+        world_from_body,
+    )  # fmt: skip
+    moment = about_centre(moment, total, params)
+    turn = times(params.inverse_inertia, params.inverse_product, moment, params)
+    never = body.position[2] > math.inf
+    return plus(omega, 1.0, turn), total, impulses, legs, never
+
+
+@unrolled
+def _pushed(
+    feet: tuple[tuple[float, float], ...],
+    beams: tuple[Beam, ...],
+    mu: tuple[float, ...],
+    before: tuple[Impulse, ...],
+    states: tuple[LegState, ...],
+    contact: Elastic,
+    body: Body,
+    world_from_body: Matrix,
+) -> tuple[tuple[Impulse, ...], tuple[LegState, ...], Vector, Vector]:
+    """Impulses and legs of feet after a step; sums of impulses and of their moments, body frame."""
+    arm = feet[0][0], feet[0][1], contact.z
+    root = plus(body.position, 1.0, to_world(world_from_body, arm))
+    impulse, state = _pushed_leg(
+        beams[0], root, mu[0], before[0][0], states[0], world_from_body, contact.dt
+    )
+    push = plus(impulse[1], impulse[0], world_from_body[2])
+    moment = cross(plus(arm, 1.0, state[0]), push)
+    if len(feet) == 1:
+        return (impulse,), (state,), push, moment
+    impulses, others, pushes, moments = _pushed(
+        feet[1:], beams[1:], mu[1:], before[1:], states[1:], contact, body, world_from_body
+    )
+    total, levers = plus(push, 1.0, pushes), plus(moment, 1.0, moments)
+    return (impulse, *impulses), (state, *others), total, levers
+
+
+@inlined
+def _pushed_leg(
+    beam: Beam,
+    root: Vector,
+    mu: float,
+    pressed: float,
+    state: LegState,
+    world_from_body: Matrix,
+    dt: float,
+) -> tuple[Impulse, LegState]:
+    """Impulse on one leg, and its state, after a step.
+
+    Args:
+        root: where the tip would be if the leg were straight, world frame, m.
+        pressed: normal impulse of the step before: the tip was on the floor if it is positive.
+    """
+    deflection, (tip_x, tip_y) = state
+    memory = beam.memory
+    relaxed = memory * deflection[0], memory * deflection[1], memory * deflection[2]
+    rest = plus(root, 1.0, to_world(world_from_body, relaxed))  # of the tip, if it were free
+    axis = to_world(world_from_body, beam.axis)
+    free = (rest[2] >= 0.0) | (mu < 0.0)
+    stays = pressed > 0.0
+    tip_x, tip_y = select(stays, tip_x, rest[0]), select(stays, tip_y, rest[1])
+
+    # Force with a tip that sticks
+    force = _elastic_force(beam, axis, (tip_x - rest[0], tip_y - rest[1], -rest[2]))
+    along_2 = force[0] * force[0] + force[1] * force[1]
+    limit = mu * force[2]
+    sticks = (force[2] >= 0.0) & (along_2 <= limit * limit)
+
+    # Slides by s against the force, until that is μ times the load: a quadratic equation
+    size = math.sqrt(select(along_2 > 0.0, along_2, 1.0))
+    against = force[0] / size, force[1] / size, 0.0 * size
+    less = _elastic_force(beam, axis, against)
+    mu_2 = mu * mu
+    a = less[0] * less[0] + less[1] * less[1] - mu_2 * less[2] * less[2]
+    b = force[0] * less[0] + force[1] * less[1] - mu_2 * force[2] * less[2]
+    c = along_2 - limit * limit
+    square = b * b - a * c
+    divisor = b + math.sqrt(select(square > 0.0, square, 0.0))
+    s = c / select(divisor > 0.0, divisor, 1.0)
+    slides = (square >= 0.0) & (divisor > 0.0) & (s >= 0.0) & (force[2] - s * less[2] >= 0.0)
+
+    # Where that cannot be, to the least energy, without any friction
+    level_2 = axis[0] * axis[0] + axis[1] * axis[1]
+    lean = axis[0] * force[0] + axis[1] * force[1]
+    lean = beam.stiffening * lean / (beam.bending + beam.stiffening * level_2)
+    slip_x = (force[0] - lean * axis[0]) / beam.bending
+    slip_y = (force[1] - lean * axis[1]) / beam.bending
+    slip_x, slip_y = select(slides, s * against[0], slip_x), select(slides, s * against[1], slip_y)
+    slip_x, slip_y = select(sticks, 0.0 * s, slip_x), select(sticks, 0.0 * s, slip_y)
+    tip_x, tip_y = tip_x - slip_x, tip_y - slip_y
+    force = _elastic_force(beam, axis, (tip_x - rest[0], tip_y - rest[1], -rest[2]))
+
+    bent = to_body(world_from_body, (tip_x - root[0], tip_y - root[1], -root[2]))
+    bent = (
+        select(free, relaxed[0], bent[0]),
+        select(free, relaxed[1], bent[1]),
+        select(free, relaxed[2], bent[2]),
+    )
+    carried = select(free, 0.0, dt)
+    friction = to_body(world_from_body, (carried * force[0], carried * force[1], 0.0 * carried))
+    return (carried * force[2], friction), (bent, (tip_x, tip_y))
+
+
+@inlined
+def _elastic_force(beam: Beam, axis: Vector, deflection: Vector) -> Vector:
+    """Force of a leg on the body by a deflection of its tip; all in one frame."""
+    scale = beam.stiffening * dot(axis, deflection)
+    bent = (
+        beam.bending * deflection[0],
+        beam.bending * deflection[1],
+        beam.bending * deflection[2],
+    )
+    return plus(bent, scale, axis)
