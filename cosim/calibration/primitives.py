@@ -17,7 +17,7 @@ from cosim.base.command import workers
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, silent
 from cosim.calibration.measured import LOAD, key_of, measured, reduced
-from cosim.calibration.speed_map import DIRECTIONS, DRIVES, LEAST_M_S
+from cosim.calibration.speed_map import DIRECTIONS, DRIVES, LEAST_M_S, TURNS
 from cosim.calibration.trial import FALLEN, Trial, mean_motion, without_falls
 from cosim.coupling.master import FallError
 from cosim.coupling.signals import Samples
@@ -26,7 +26,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import Drive, MotorShares
 from cosim.physics.trig import normals
 
-VERSION = 4  # of primitives: raise it when their bits change
+VERSION = 5  # of primitives: raise it when their bits change
 
 LIBRARY, LIBRARY_S = 512, 2.0  # random set points, and how long each is driven
 SETTLE_S = 0.5
@@ -42,6 +42,8 @@ REPEATS, REPEATS_S = 12, 5.0  # with other noise, of what is found
 _HALF_WIDTH = 2.201 / math.sqrt(REPEATS)
 STARTS = 6  # set points of the library that are tried for longer, for each primitive
 ASIDE = 2.0  # what a motion aside costs, over what one ahead is worth
+WIDEST = 10.0  # diameters: the largest radius of a curve that counts as a turn
+LEAST_CHANGE = 0.5  # of the yaw rate that a difference shall give: below, there is no difference
 TURNING_1_S = 2.0  # assumed: yaw rate of a driving robot per heading error, as the paper's has it
 LARGEST_SHARE = 0.1  # of the largest speed: bound on the difference that turns a driving robot
 LEAST_RAD_S = 0.005  # below, a machine counts as not turning
@@ -69,6 +71,7 @@ class _Search:
         self.top = FASTEST * np.array(config.top_speeds_rad_s)  # of each motor
         self.reach_m = 0.5 * config.robot.diameter_m
         self._drives = 0
+        self.aside = ASIDE
         self.fall: FallError | None = None  # the last one
 
     def drive(self, set_points: np.ndarray, seconds: float) -> np.ndarray:
@@ -106,10 +109,10 @@ class _Search:
         return found
 
     def score(self, motion: np.ndarray, towards: np.ndarray) -> np.ndarray:
-        """Speed in a direction less ASIDE times that in the others; -1 if unusable."""
+        """Speed in a direction less `aside` times that in the others; -1 if unusable."""
         along = motion[:, :3] @ towards
         aside = np.abs(motion[:, :3] - np.outer(along, towards)).sum(axis=1)
-        return np.where(self.usable(motion), along - ASIDE * aside, -1.0)
+        return np.where(self.usable(motion), along - self.aside * aside, -1.0)
 
     def usable(self, motion: np.ndarray) -> np.ndarray:
         """Return which robots (T,) kept standing, and did not hop unless they may."""
@@ -161,7 +164,10 @@ class _Search:
         motion[:, 2] /= self.reach_m
         if (motion[:, 3] == FALLEN).any():
             motion[:, :3] = 0.0
-        turning = np.linalg.pinv(slopes[:3], rcond=1e-3) @ (0.0, 0.0, self.reach_m)
+        wanted = np.array([0.0, 0.0, self.reach_m])
+        turning = np.linalg.pinv(slopes[:3], rcond=1e-3) @ wanted
+        if (slopes[:3] @ turning)[2] < LEAST_CHANGE * self.reach_m:
+            turning[:] = 0.0  # what it gives is mostly another motion
         largest = max(float(np.abs(turning).max()), 1e-30)
         mean, spread = motion[:, :3].mean(axis=0), motion[:, :3].std(axis=0, ddof=1)
         return Primitive(
@@ -198,11 +204,15 @@ def search(
     for number, (name, direction) in enumerate(DIRECTIONS.items(), 1):
         progress(task, number, rounds)
         towards = np.array(direction)
-        # Set points that do the opposite are good ones, too, with all signs changed.
-        best = [np.argsort(run.score(motion, way))[-STARTS:] for way in (towards, -towards)]
-        starts = np.concatenate([library[best[0]], -library[best[1]]])
-        best = starts[int(run.score(run.drive(starts, CHANGES_S), towards).argmax())]
-        found[name] = run.primitive(*run.refined(best, towards))
+        # Where nothing turns it on the spot, what turns it fastest while it drives.
+        for run.aside in (ASIDE, 0.0) if name in TURNS else (ASIDE,):
+            # Set points that do the opposite are good ones, too, with all signs changed.
+            best = [np.argsort(run.score(motion, way))[-STARTS:] for way in (towards, -towards)]
+            starts = np.concatenate([library[best[0]], -library[best[1]]])
+            best = starts[int(run.score(run.drive(starts, CHANGES_S), towards).argmax())]
+            found[name] = run.primitive(*run.refined(best, towards))
+            if able(found[name], name, run.reach_m):
+                break
     progress(task, rounds, rounds)
     return found
 
@@ -226,9 +236,11 @@ def primitive_rows(found: dict[str, Primitive], config: CoSimConfig) -> list[tup
             f"{unit * mean:.2f} ± {unit * _HALF_WIDTH * spread:.2f} (σ {unit * spread:.2f})"
             for unit, mean, spread in zip(units, primitive.mean, primitive.spread, strict=True)
         )
-        can = able(primitive, name, 0.5 * config.robot.diameter_m)
+        note = "" if able(primitive, name, 0.5 * config.robot.diameter_m) else ": cannot"
+        if note and name in TURNS and (radius_m := curve_m(primitive, name, config)):
+            note = f" in a circle of {1e3 * radius_m:.0f} mm"
         speeds = " ".join(f"{value:.0f}" for value in primitive.set_points_rad_s)
-        label = name.replace("_", " ") + ("" if can else ": cannot")
+        label = name.replace("_", " ") + note
         rows.append((label, *motion, f"{primitive.airborne_share:.1%}", speeds))
     return rows
 
@@ -243,14 +255,26 @@ def able(primitive: Primitive, name: str, reach_m: float) -> bool:
     return along > max(least, 2.0 * aside)
 
 
+def curve_m(primitive: Primitive, name: str, config: CoSimConfig) -> float:
+    """Radius of the circle in which a turn that is none on the spot drives; 0 if it is no turn."""
+    rate = float(np.array(primitive.mean) @ DIRECTIONS[name])
+    radius_m = math.hypot(*primitive.mean[:2]) / max(rate, LEAST_RAD_S)
+    return radius_m if radius_m < WIDEST * config.robot.diameter_m else 0.0
+
+
 def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
     """Return a configuration whose steering has the primitives of its machine.
 
-    A machine that cannot drive back turns around. One that cannot drive ahead, or cannot turn both
-    ways, raises a UserError.
+    A machine that cannot drive back turns around, and one that cannot turn on the spot drives in
+    curves. One that cannot drive ahead, or cannot turn both ways, raises a UserError.
     """
     reach_m = 0.5 * config.robot.diameter_m
     can = {name for name, primitive in found.items() if able(primitive, name, reach_m)}
+    radius_m = 0.0
+    if not can.issuperset(TURNS) and all(radii := [curve_m(found[n], n, config) for n in TURNS]):
+        radius_m, can = max(radii), can.union(TURNS)
+        wide = {"lookahead_m": 2.0 * radius_m, "least_lookahead_m": radius_m}
+        config = config.having("computed: of the circle in which it turns", **wide)
     if not {"left_turn", "right_turn", "forwards"} <= can:
         raise UserError(_cannot(config.preset, found, can))
     # With the sides but not backwards, the robot's heading would not follow from its last move.
@@ -285,6 +309,7 @@ def steered(config: CoSimConfig, found: dict[str, Primitive]) -> CoSimConfig:
         backward_speed_rad_s=speeds["backwards"],
         side_speed_rad_s=speeds["leftwards"],
         turn_speed_rad_s=speeds["left_turn"],
+        turn_radius_m=radius_m,
         max_speed_rad_s=top,
         drive_speed_m_s=config.steering.drive_speed_m_s or speed_m_s,
         turn_rate_rad_s=config.steering.turn_rate_rad_s or float(rate),

@@ -275,6 +275,9 @@ class SteeringParams(NamedTuple):
     turn_speed_rad_s: Annotated[
         Amount, Quantity("rad/s", "calibrated: turn_rate_rad_s", "motor speed while turning")
     ] = 1015.4
+    turn_radius_m: Annotated[
+        Amount, Quantity("m", "on the spot", "radius of the circle in which the robot turns")
+    ] = 0.0
     max_speed_rad_s: Annotated[
         Amount, Quantity("rad/s", "calibrated: no hop", "bound on motor speeds while driving")
     ] = 1082.6

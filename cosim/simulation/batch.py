@@ -55,6 +55,7 @@ IN_LANES = ("fmpy", "compiled")
 # Robots that a batch has room for: two vectors of eight lanes, four of four. More would share the
 # cost of a call to the motors further, fewer wait for the last episode of a series.
 ROBOTS_TOGETHER = 16
+MOST_CURVE = 0.5  # assumed: of a cell, the radius of a circle in which a robot may turn
 
 
 def places_for(driver: str, robots: int, tasks: int, threads: int) -> int:
@@ -159,6 +160,14 @@ class Batch:
                 f"diameter_m = {config.robot.diameter_m:g} of the configuration is not "
                 f"robot_diameter_m = {scenario.diameter_m:g} of scenario {scenario.name}; "
                 "use config.sized(scenario.diameter_m)"
+            )
+        radius_m = config.steering.turn_radius_m
+        if radius_m > MOST_CURVE * scenario.cell_m:
+            raise ConfigError(
+                f"machine {config.preset} cannot turn on the spot: it drives in circles of radius "
+                f"{1e3 * radius_m:.0f} mm, but cells of scenario {scenario.name} are "
+                f"{1e3 * scenario.cell_m:g} mm wide; make them {1e3 * radius_m / MOST_CURVE:.0f} "
+                "mm or wider"
             )
         columns = self._columns(place)
         state = self.state
