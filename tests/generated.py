@@ -23,6 +23,21 @@ MOTORS, FEET = (1, 8), (3, 8)
 TURN = 2.0 * math.pi
 
 
+_LEG = {"length_m": 0.01, "axial_n_m": 1e6, "bending_n_m": 1e5, "relaxation_s": 1e-4}
+# Tables of a foot's leg that are refused, and a word that the refusal must have
+BROKEN_LEGS: list[tuple[Table, str]] = [
+    (_LEG, "rigid"),  # one foot of several
+    (_LEG | {"lean_deg": 61.0, "lean_towards_deg": 0.0}, "lean_deg"),
+    (_LEG | {"bending_n_m": 0.0}, "bending_n_m"),
+    (_LEG | {"relaxation_s": 0.0}, "relaxation_s"),
+    (_LEG | {"damping_ratio": 0.1}, "damping_ratio"),
+    (_LEG | {"lean_deg": 10.0}, "lean_towards_deg"),
+    (_LEG | {"young_pa": 1e9}, "young_pa"),
+    ({"length_m": 0.01, "relaxation_s": 1e-4}, "stiffness"),
+    ({"lean_deg": 10.0}, "length_m"),
+]
+
+
 @dataclass(frozen=True)
 class Machine:
     """What a machine's file states; lengths in m, masses in kg."""
@@ -75,7 +90,10 @@ class Machine:
             | {"place_m": _flip(m["place_m"]), "axis": [-m["axis"][0], m["axis"][1], -m["axis"][2]]}
             for m in self.motors
         )
-        feet = (foot | {"place_m": _flip(foot["place_m"])} for foot in self.feet)
+        feet = (
+            foot | {"place_m": _flip(foot["place_m"])} | _leaning(foot, -1.0, 0.0)
+            for foot in self.feet
+        )
         body = self.body | {"com_y_m": -self.body.get("com_y_m", 0.0)}
         return replace(self, body=body, motors=tuple(motors), feet=tuple(feet))
 
@@ -85,7 +103,10 @@ class Machine:
             m | {"place_m": _quarter(m["place_m"]), "axis": _quarter(m["axis"])}
             for m in self.motors
         )
-        feet = (foot | {"place_m": _quarter(foot["place_m"])} for foot in self.feet)
+        feet = (
+            foot | {"place_m": _quarter(foot["place_m"])} | _leaning(foot, 1.0, 90.0)
+            for foot in self.feet
+        )
         x, y = self.body.get("com_x_m", 0.0), self.body.get("com_y_m", 0.0)
         body = self.body | {"com_x_m": -y, "com_y_m": x}
         if "inertia_kg_m2" in body:
@@ -112,6 +133,12 @@ def _flip(place: list[float]) -> list[float]:
 
 def _quarter(place: list[float]) -> list[float]:
     return [-place[1], place[0], *place[2:]]
+
+
+def _leaning(foot: Table, sign: float, turned_deg: float) -> Table:
+    """Return where a leg leans in a mirrored or turned machine; nothing of a rigid foot."""
+    towards = foot.get("lean_towards_deg")
+    return {} if towards is None else {"lean_towards_deg": sign * towards + turned_deg}
 
 
 def _stronger(motor: Table, factor: float) -> Table:
@@ -180,6 +207,28 @@ def machines(
 
 
 @st.composite
+def legged(draw: st.DrawFn, feet: int, masses_kg: tuple[float, float] = MASSES_KG) -> Machine:
+    """Draw a valid machine on elastic legs, each with its own lean, stiffness and damping."""
+    machine = draw(machines(feet=(feet, feet), masses_kg=masses_kg))
+    weight_n, standing = TABLE_II.g * machine.body["mass_kg"], []
+    for foot in machine.feet:
+        bounce_rad_s, lean = TURN * draw(_between(30.0, 200.0)), draw(st.floats(1.0, 40.0))
+        stiffer, sine_2 = draw(_between(1.0, 30.0)), math.sin(math.radians(lean)) ** 2
+        upright = machine.body["mass_kg"] * bounce_rad_s**2 / feet
+        bending = upright * ((1.0 - sine_2) / stiffer + sine_2)
+        leg = {
+            "lean_deg": lean,
+            "lean_towards_deg": draw(st.floats(-180.0, 180.0)),
+            "bending_n_m": bending,
+            "axial_n_m": stiffer * bending,
+            "damping_ratio": draw(_between(0.05, 1.0)),
+            "length_m": 6.0 * max(weight_n / bending, TABLE_II.g / (TURN * 30.0) ** 2),
+        }
+        standing.append(foot | leg)
+    return replace(machine, feet=tuple(standing))
+
+
+@st.composite
 def _motor(draw: st.DrawFn, rim_m: float, height_m: float) -> Table:
     """Draw place and shaft of a motor."""
     axis = draw(st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: math.hypot(*v) > 0.1))
@@ -216,6 +265,7 @@ def broken(draw: st.DrawFn) -> tuple[Machine, str]:
                 (with_foot(place_m=outside), "outside the body"),
                 (with_foot(place_m=[*foot["place_m"], 1e-4]), "above the floor"),
                 (with_foot(mu=-0.1), "mu"),
+                *((with_foot(**leg), word) for leg, word in BROKEN_LEGS),
                 (replace(machine, feet=machine.feet[-1:]), "falls over"),
                 (replace(machine, motors=machine.motors[:1] * 9), "motor"),
             ]

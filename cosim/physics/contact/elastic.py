@@ -92,14 +92,19 @@ def stiffness(leg: Leg) -> np.ndarray:
     return leg.bending_n_m * np.eye(3) + (leg.axial_n_m - leg.bending_n_m) * along
 
 
+def fastest_rad_s(robot: RobotParams, mass: Mass) -> float:
+    """Angular frequency of the fastest oscillation of a body on its legs, tips held."""
+    operator = delassus(robot, mass)
+    for k, foot in enumerate(robot.feet):
+        columns = slice(3 * k, 3 * k + 3)
+        operator[:, columns] = operator[:, columns] @ stiffness(foot.leg) if foot.leg else 0.0
+    return math.sqrt(np.abs(np.linalg.eigvals(operator)).max())
+
+
 def _require_stable(robot: RobotParams, mass: Mass, dt_s: float) -> None:
     """Refuse a time step that is too long: ω dt < 2 (√(1 + ζ²) − ζ) of the fastest oscillation."""
-    legs = [foot.leg for foot in robot.feet if foot.leg is not None]
-    operator = delassus(robot, mass)
-    for k, leg in enumerate(legs):  # on the right: of each foot's columns
-        operator[:, 3 * k : 3 * k + 3] = operator[:, 3 * k : 3 * k + 3] @ stiffness(leg)
-    omega = math.sqrt(np.abs(np.linalg.eigvals(operator)).max())
-    zeta = 0.5 * omega * max(leg.relaxation_s for leg in legs)
+    omega = fastest_rad_s(robot, mass)
+    zeta = 0.5 * omega * max(foot.leg.relaxation_s for foot in robot.feet if foot.leg)
     longest_s = 2.0 * (math.sqrt(1.0 + zeta * zeta) - zeta) / omega
     if dt_s >= longest_s:
         raise ConfigError(
@@ -221,10 +226,13 @@ def _pushed_leg(
     lean = beam.stiffening * lean / (beam.bending + beam.stiffening * level_2)
     slip_x = (force[0] - lean * axis[0]) / beam.bending
     slip_y = (force[1] - lean * axis[1]) / beam.bending
+    lifted = beam.stiffening * axis[2] * (axis[0] * slip_x + axis[1] * slip_y)
+    x = select(slides, force[0] - s * less[0], 0.0)
+    y = select(slides, force[1] - s * less[1], 0.0)
+    z = select(slides, force[2] - s * less[2], force[2] - lifted)
     slip_x, slip_y = select(slides, s * against[0], slip_x), select(slides, s * against[1], slip_y)
-    slip_x, slip_y = select(sticks, 0.0 * s, slip_x), select(sticks, 0.0 * s, slip_y)
-    tip_x, tip_y = tip_x - slip_x, tip_y - slip_y
-    force = _elastic_force(beam, axis, (tip_x - rest[0], tip_y - rest[1], -rest[2]))
+    tip_x = select(sticks, tip_x, tip_x - slip_x)
+    tip_y = select(sticks, tip_y, tip_y - slip_y)
 
     bent = to_body(world_from_body, (tip_x - root[0], tip_y - root[1], -root[2]))
     bent = (
@@ -232,9 +240,10 @@ def _pushed_leg(
         select(free, relaxed[1], bent[1]),
         select(free, relaxed[2], bent[2]),
     )
-    carried = select(free, 0.0, dt)
-    friction = to_body(world_from_body, (carried * force[0], carried * force[1], 0.0 * carried))
-    return (carried * force[2], friction), (bent, (tip_x, tip_y))
+    x = select(free, 0.0, dt * select(sticks, force[0], x))
+    y = select(free, 0.0, dt * select(sticks, force[1], y))
+    z = select(free, 0.0, dt * select(sticks, force[2], z))
+    return (z, to_body(world_from_body, (x, y, 0.0 * x))), (bent, (tip_x, tip_y))
 
 
 @inlined
