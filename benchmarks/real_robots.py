@@ -1,8 +1,8 @@
 """Compare simulated robots with published real ones, each with its preset.
 
 Twenty real Droplets, robot by robot; speeds at their motor speeds, steps per turn, turning, closed
-paths driven by the clock, V-shaped steps, and how speeds depend on parameters. Measurements are
-kept in the cache: the same command resumes.
+paths driven by the clock, V-shaped steps, how speeds depend on parameters, and robots on elastic
+legs. Measurements are kept in the cache: the same command resumes.
 """
 
 from collections.abc import Callable
@@ -33,6 +33,7 @@ from benchmarks.published.droplets import (
     simulated,
     variant_row,
 )
+from benchmarks.published.legs import ROBOTS, legged_rows, motion
 from benchmarks.published.points import PATHS, SPEEDS
 from benchmarks.published.rows import Row, rows_of
 from cosim.base.command import Checked, File, Jobs, Seed
@@ -137,7 +138,11 @@ def measure(options: Options) -> dict[str, list[Row]]:
         variant: Measurement(simulated, droplet, (variant.mu, variant.spin_up_s))
         for variant in ((SHOWN,) if options.quick else VARIANTS)
     }
-    jobs = [*speeds.values(), *slopes.values(), *paths.values(), *variants.values()]
+    legged = {
+        robot: Measurement(motion, find_preset(robot.preset).config(), (robot.omega_rad_s,))
+        for robot in ROBOTS
+    }
+    jobs = [job for of in (speeds, slopes, paths, variants, legged) for job in of.values()]
     store = _Cache()
     make_missing(jobs, store, Workers(jobs=options.jobs).count)
     motions = {v: Motion(*map(np.array, store.find(job))) for v, job in variants.items()}
@@ -150,6 +155,7 @@ def measure(options: Options) -> dict[str, list[Row]]:
             *(variant_row(*pair) for pair in motions.items()),
         ],
         "robots": robots,
+        "legs": legged_rows({robot: store.find(job) for robot, job in legged.items()}),
         **rows_of(
             {p: MeasuredSpeed(*store.find(job)) for p, job in speeds.items()},
             {

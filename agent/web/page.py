@@ -27,9 +27,11 @@ from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import ROUGH
 from cosim.onboard.features import distance_thresholds
 from cosim.onboard.steering import HOLD
+from cosim.physics.contact.elastic import axis_of
 from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, WORLD_CHILD
 from cosim.physics.forces import directions
 from cosim.physics.properties import GRAVITY, MU
+from cosim.recording.scene import ENLARGED
 from cosim.simulation.batch import Batch, floor_patches
 from cosim.simulation.measures import PATH_SAMPLING_S
 from cosim.simulation.options import Setup, SimulationOptions, resolve
@@ -198,6 +200,13 @@ def _html(policy: GreedyPolicy, setup: Setup, worlds: list[dict[str, Any]], seed
         "machine": {
             "motors": [(n, *m) for n, m in zip(motor_names(len(motors)), motors, strict=True)],
             "feet": list(zip(feet_names(len(soles)), soles, strict=True)),
+            # From tip to root of each elastic leg, seen from above
+            "legs": [
+                [-foot.leg.length_m * part for part in axis_of(foot.leg)[:2]]
+                for foot in robot.feet
+                if foot.leg
+            ],
+            "enlarged": ENLARGED,
         },
         "seed": seed,
         "outcomes": [str(outcome).replace("_", " ") or "running" for outcome in BY_RANK],

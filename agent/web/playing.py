@@ -104,7 +104,7 @@ def new_play(batch: Batch, episode: RunningEpisode, decides: Any = ()) -> Play:
     """Return the episode that has begun in a batch with one place, driven by compiled code."""
     config, robots, state = batch.config, batch.robots, batch.state
     periods, columns = config.periods_per_step, state.bodies.shape[1]
-    sizes, sensor = (len(config.robot.motors), len(config.robot.feet)), config.world.camera
+    sizes, sensor = config.robot.sizes, config.world.camera
     motors, noise, spread = robots * sizes[0], episode.noise, config.world.motor_spread or 0.0
     frames = frames_within(sensor, config.timing.rl_step_s)
     each, names = motors_of(config.robot, config.motor), ("K_T", "R", "J", "r")

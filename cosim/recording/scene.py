@@ -18,6 +18,7 @@ from cosim.model.params import RobotParams, motors_of
 from cosim.model.scenario import Scenario
 from cosim.model.world import Patch
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS
+from cosim.physics.contact.elastic import axis_of
 from cosim.physics.feet import foot_positions
 from cosim.physics.forces import directions
 from cosim.recording.file import Kept, simulated
@@ -50,6 +51,7 @@ _ARROW_HEIGHT_M = 0.0008
 _ARROW_CELLS = 0.8
 _TRAIL_PERIOD_S = 0.5  # between the points of a trail
 _TRAIL_PIECE_S = 2.0  # of a trail in a row; the view shows those of late, see the blueprint
+ENLARGED = 10.0  # deflections of legs in the picture: they are fractions of a millimetre
 # The weight on a foot makes an arrow of 1 cm; a foot that lands would leave the picture.
 _METRES_PER_NEWTON = 0.03
 _LONGEST_ARROW_M = 0.09
@@ -199,11 +201,32 @@ def _write_robot(file: Kept, name: str, colour: int, robot: RobotParams) -> None
         origins=feet, colors=shades(colour, len(feet)), radii=[0.0005] * len(feet)
     )
     file.static(f"{base}/contact", forces)
+    if robot.elastic:
+        shape = rr.LineStrips3D.from_fields(colors=[INK] * len(feet), radii=[0.0003] * len(feet))
+        file.static(f"{base}/legs", shape)
     trail = rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0006])
     file.static(f"/world/{name}/trail", trail)
     visited = rr.Boxes3D.from_fields(colors=[faint(colour)], fill_mode="solid")
     file.static(f"/world/{name}/visited", visited)
     file.static(f"/world/{name}/plan", rr.Arrows3D.from_fields(colors=[WHITE], radii=[0.0012]))
+
+
+def bent_legs(robot: RobotParams, deflections: np.ndarray) -> np.ndarray:
+    """Lines along bent legs, (n, M, 5, 3) in the frame of the body, m; deflections are enlarged.
+
+    A cantilever that is loaded at its tip: (3 s² − s³)/2 of the deflection at a share s of it.
+
+    Args:
+        deflections: (n, 3 M) of the tips, x, y and z of each, m.
+    """
+    share = np.linspace(0.0, 1.0, 5)[:, None]
+    along = np.array([
+        (1.0 - share) * foot.leg.length_m * np.array(axis_of(foot.leg))
+        for foot in robot.feet if foot.leg
+    ])  # fmt: skip
+    straight = foot_positions(robot)[:, None] - along
+    bend = ENLARGED * deflections.reshape(len(deflections), -1, 1, 3)
+    return straight + 0.5 * share**2 * (3.0 - share) * bend
 
 
 def map_colours(values: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -292,6 +315,12 @@ class RobotScene:
         forces = rr.Arrows3D.columns(vectors=arrows.reshape(-1, 3))
         forces = forces.partition([normal.shape[1]] * len(normal))
         self._file.columns(f"{base}/contact", times, forces)
+        if self._config.robot.elastic:
+            lines = bent_legs(self._config.robot, sampled.samples.deflection[ends, self._robot])
+            strips = rr.LineStrips3D.columns(strips=lines.reshape(-1, *lines.shape[2:]))
+            self._file.columns(
+                f"{base}/legs", times, strips.partition([lines.shape[1]] * len(lines))
+            )
 
     def _write_masses(self, sampled: Stretch) -> None:
         """Eccentric masses with the poses, and at every control period of the bursts."""

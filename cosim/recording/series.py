@@ -148,6 +148,7 @@ _DE, _ABC, _XY, _SHARE = ("D", "E"), ("A", "B", "C"), ("x", "y"), ("share",)
 _HEADING, _CELLS = ("heading",), "cells"
 _COVARIANCE = ("xx", "xy", "yy", "x heading", "y heading", "heading")
 _FRICTION = tuple(f"{foot} {axis}" for foot in _ABC for axis in _XY)
+_BENT = tuple(f"{foot} {axis}" for foot in _ABC for axis in "xyz")  # of elastic legs alone
 _MOTORS, _BURST = ("overview", "motors"), ("bursts at every tick",)
 _APART = {"sim/distance_m", "rl/distance"}  # of which a robot alone has none
 
@@ -202,6 +203,8 @@ SIGNALS = (
           "mean friction force N", ("contact",)),
     _spec("sim/contact/impact", _ABC, "N.s", "slow", "max", lambda s: s.impact,
           "impulse of impacts N s", ("contact",)),
+    _spec("sim/contact/deflection", _BENT, "m", "slow", "last", lambda s: s.deflection,
+          "deflection of the tips of legs m", ("contact",)),
     _spec("sim/contact/slipping_share", _ABC, "1", "slow", "mean", lambda s: s.slipping_share,
           "share of time in which a foot slides", ("contact",)),
     _spec("sim/contact/lifted_share", _SHARE, "1", "slow", "mean", lambda s: s.lifted_share,
@@ -221,12 +224,13 @@ SIGNALS = (
 def signals_of(
     robot: RobotParams = TABLE_I, *, distances: bool, camera: bool, full: bool = True
 ) -> list[SignalSpec]:
-    """The meaningful ones: `distances` to other robots, estimates only with a camera."""
+    """The meaningful ones: `distances` to other robots, estimates only with a camera, and so on."""
     feet = feet_names(len(robot.feet))
     own = {
         _DE: tuple(motor_names(len(robot.motors))),
         _ABC: feet,
         _FRICTION: tuple(f"{foot} {axis}" for foot in feet for axis in _XY),
+        _BENT: tuple(f"{foot} {axis}" for foot in feet for axis in "xyz"),
     }
     known = ((signal, own.get(signal.names, signal.names)) for signal in SIGNALS)
     return [
@@ -234,6 +238,7 @@ def signals_of(
         for signal, names in known
         if (distances or signal.path not in _APART)
         and (camera or not signal.path.startswith("sim/estimate/"))
+        and (robot.elastic or signal.path != "sim/contact/deflection")
         and (full or not signal.full)
     ]
 

@@ -194,8 +194,8 @@ class Board {
     this.g.setLineDash([]);
   }
 
-  drawRobot({ x, y, heading, theta }, i, selected) {
-    const { g } = this, { motors, feet } = this.machine, radius = this.scenario.diameter_m / 2;
+  drawRobot({ x, y, heading, theta, bent }, i, selected) {
+    const { g } = this, { motors, feet, legs, enlarged } = this.machine, radius = this.scenario.diameter_m / 2;
     const motor = MOTOR * radius, foot = 0.12 * radius;
     g.save();
     g.translate(x, y);
@@ -208,6 +208,10 @@ class Board {
     this.line([[0.6 * radius, 0], [radius, 0]], COLOURS[i], 3);
     Object.assign(g, { fillStyle: css("--quiet"), strokeStyle: css("--quiet"), lineWidth: 1 / this.scale });
     for (const [, place] of feet) g.fillRect(place[0] - foot / 2, place[1] - foot / 2, foot, foot);
+    legs.forEach((root, k) => {
+      const [u, v] = feet[k][1], tip = [0, 1].map((axis) => feet[k][1][axis] + enlarged * bent[3 * k + axis]);
+      this.line([[u + root[0], v + root[1]], tip], css("--quiet"), 2);
+    });
     for (const [, place] of motors) this.disc(...place, motor, "stroke");
     g.fillStyle = COLOURS[i];
     motors.forEach(([, place, hanging, later], k) => {

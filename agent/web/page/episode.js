@@ -131,13 +131,13 @@ class Episode {
   // What is shown of a robot, as it was sampled and as it stands.
   sampled(robot, row) {
     const of = (name) => this.sample(name, robot, row), moving = of("mode")[0] !== this.facts.hold_mode;
-    const signals = { theta: of("theta"), omega: of("omega"), voltage: of("voltage"), force: of("normal_mean") };
+    const signals = { theta: of("theta"), omega: of("omega"), voltage: of("voltage"), force: of("normal_mean"), bent: of("deflection") };
     return this.shown(robot, of("position"), of("quaternion"), { moving, ...signals });
   }
 
   still() {
     const { motors, feet } = this.facts, zeros = (count) => Array(count).fill(0);
-    const signals = { omega: zeros(motors), voltage: zeros(motors), force: zeros(feet), moving: false };
+    const signals = { omega: zeros(motors), voltage: zeros(motors), force: zeros(feet), bent: zeros(3 * feet), moving: false };
     const robots = this.robots.map((robot) => {
       const theta = this.body(robot, 0, motors, "state.outputs");
       return this.shown(robot, this.body(robot, 0, 3), this.body(robot, 3, 4), { theta, ...signals });

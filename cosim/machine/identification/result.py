@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cosim.base.colours import BLUE, GREEN, VERMILION
+from cosim.base.errors import UserError
 from cosim.base.plotting import styled
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import naming
@@ -97,6 +98,11 @@ def identify(
 
     `preset` is what is not identified, and the usual values of what is.
     """
+    if config.robot.elastic:
+        raise UserError(
+            f"preset {preset.name} stands on elastic legs, whose stiffness and damping a track "
+            "from above does not tell; identify robots on rigid feet"
+        )
     progress("turning the motors", 0, None)
     drive = simulated_drive(track, with_motor(config, fmu), fmu)
     progress("turning the motors", 1, 1)

@@ -102,8 +102,8 @@ def test_oscillations_have_the_natural_frequencies_of_the_body_on_springs():
 def pulled(leg: Leg, mu: float, way: float) -> float:
     """Load in N on a leg whose root moves slowly at a fixed height, 0.1 mm below rest."""
     beam = elastic.Beam(elastic.axis_of(leg), leg.bending_n_m, leg.axial_n_m - leg.bending_n_m, 0.0)
-    state, load, level = ((0.0, 0.0, 0.0), (0.0, 0.0)), 0.0, ((1.0, 0, 0), (0, 1.0, 0), (0, 0, 1.0))
-    axes = tuple(tuple(map(float, row)) for row in level)
+    state, load = ((0.0, 0.0, 0.0), (0.0, 0.0)), 0.0
+    axes = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     for k in range(1000):
         root = (way * 1e-4 * k, 0.0, -1e-4)
         (load, _), state = elastic._pushed_leg(beam, root, mu, load, state, axes, 1.0)
@@ -126,7 +126,7 @@ def test_loads_against_and_with_the_lean(lean, stiffer, share):
 @given(legged(LEGS), st.floats(0.0, 0.3), st.floats(0.0, 6.0))
 @FEW
 def test_a_dropped_body_regains_no_energy_and_keeps_the_cone(machine, tilt, towards):
-    """Of all energy, that of bent legs included; a landing of Euler adds at most a hundredth of it."""
+    """Of all energy, that of bent legs included; landings of Euler's method add a hundredth."""
     config = machine.config
     robot, params = config.robot, params_of(config)
     state = standing_state(robot, *params.centre, 0.0)
@@ -218,7 +218,7 @@ def slope(
                 tip, touching = x + hx, True
             low, high = tip - 1e-2, tip + 1e-2
             ez = -z - hz_
-            stuck = True
+            stuck, c = True, tip
             for sign in (0.0, -1.0, 1.0):  # sticks, or friction is at its limit to either side
                 if sign == 0.0:
                     ex = tip - x - hx
@@ -228,7 +228,7 @@ def slope(
                     if stuck:
                         break
                 else:
-                    a, b = low, high
+                    a, b, c = low, high, tip
                     for _ in range(60):  # f_x − sign μ f_z grows with the tip's place
                         c = 0.5 * (a + b)
                         ex = c - x - hx
