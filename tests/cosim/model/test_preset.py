@@ -30,8 +30,11 @@ mass_kg = "weighed"
 """
 
 
+POGOBOTS = "pogobot-brush", "pogobot-rigid"
+
+
 def test_built_in_machines_state_what_is_published():
-    assert built_in() == ["paper", "droplet", "icra2006", "kilobot", "thesis"]
+    assert built_in() == ["paper", "droplet", "hexbug", "icra2006", "kilobot", *POGOBOTS, "thesis"]
     assert find_preset("paper").config() == CoSimConfig()
     icra, thesis = (find_preset(name).config() for name in ("icra2006", "thesis"))
     assert (icra.robot.mu, icra.robot.diameter_m) == (0.4, 0.0365)
@@ -152,5 +155,5 @@ def test_mistakes_are_named(written, text, message):
 
 
 def test_other_names_are_refused():
-    with pytest.raises(UserError, match=r"preset 'x'; choose .*paper, droplet, icra2006"):
+    with pytest.raises(UserError, match=r"preset 'x'; choose .*paper, droplet, hexbug"):
         find_preset("x")

@@ -14,6 +14,7 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II, Leg, RobotParams
 from cosim.model.preset import find_preset
 from cosim.model.world import World
+from cosim.physics.body import stepped
 from cosim.physics.body_state import (
     NORMALS,
     VELOCITY,
@@ -22,10 +23,15 @@ from cosim.physics.body_state import (
     Z,
     frictions,
     legs_row,
+    read_body,
     standing_state,
+    state_size,
+    write_body,
 )
 from cosim.physics.contact import elastic
 from cosim.physics.feet import foot_positions
+from cosim.physics.inertia import BodyParams
+from cosim.physics.lanes import Width, width_of
 from cosim.physics.mass import mass_of
 from cosim.physics.properties import body_params
 from tests.cosim.physics.test_generated import DT, FEW, params_of
@@ -150,6 +156,31 @@ def test_a_dropped_body_regains_no_energy_and_keeps_the_cone(machine, tilt, towa
         assert (rubbed <= mu * pressed + 1e-9 * weight * DT).all()
 
 
+@kernel
+def step_together(bodies: np.ndarray, params: BodyParams, width: Width, ticks: int) -> None:
+    order, lanes = params.contact.pairing.order, len(width)
+    for column in range(0, bodies.shape[1], lanes):
+        for _ in range(ticks):
+            body = read_body(bodies, column, width, order, params.contact.legs)
+            body, _ = stepped(body, params, (0.01, 0.0, 0.0), (0.0, 0.0, 1e-6))
+            write_body(bodies, column, width, order, body)
+
+
+@pytest.mark.parametrize("lanes", [8, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 4))])
+def test_lanes_have_the_bits_of_one(lanes):
+    """Bodies that fall from different heights: legs that stick, slide and are in the air."""
+    robot = on(LEG)
+    params, alone = body_params(robot, TABLE_II, DT), np.empty((state_size(3, 3), 8))
+    for k in range(8):
+        alone[:, k] = standing_state(robot, 0.1 * k, 0.0, 0.3 * k)
+        alone[[Z, VELOCITY.start], k] += 1e-5 * k * k, 0.01 * k
+    together = alone.copy()
+    step_together(alone, params, width_of(1), 3000)
+    step_together(together, params, width_of(lanes), 3000)
+    assert np.array_equal(alone, together)
+    assert np.isfinite(alone).all()
+
+
 @given(data=st.data())
 @FEW
 def test_mirrored_turned_permuted_and_heavier_machines_move_alike(data):
@@ -181,6 +212,7 @@ def test_mirrored_turned_permuted_and_heavier_machines_move_alike(data):
     np.testing.assert_allclose(permuted[:7], plain[:7], atol=1e-2 * scale)
 
 
+@pytest.mark.long
 def test_stiff_legs_move_as_rigid_feet():
     """The error halves where the frequency of the bounce doubles, at least."""
     drive = Drive(-900.0, 900.0)

@@ -99,10 +99,22 @@ def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, requ
             assert len(ours.raw.omega) > 0
 
 
-@pytest.mark.parametrize("reaction", [False, True])
-def test_drivers_give_another_machine_the_same_bits(reaction, array_fmu, tmp_path):
+LEG = """[[foot]]
+length_m = 0.008
+axial_n_m = 1e5
+bending_n_m = 1e4
+lean_deg = 20.0
+lean_towards_deg = 170.0
+damping_ratio = 0.2"""
+
+
+@pytest.mark.parametrize(
+    "kind", ["rigid", "reaction", pytest.param("legs", marks=pytest.mark.long)]
+)
+def test_drivers_give_another_machine_the_same_bits(kind, array_fmu, tmp_path):
     """Four motors of which one has its own r, on four feet of which one has its own mu."""
     file, text = tmp_path / "drawn.toml", machine(1) + "\nmu = 0.2"
+    text, reaction = text.replace("[[foot]]", LEG) if kind == "legs" else text, kind == "reaction"
     file.write_text(text.replace("axis", "r = 0.0018\naxis", 1), "utf-8")
     preset = find_preset(file)
     shares = tuple(MotorShares(s, -s, 0.3, 0.2, 1.0, -1.0, s) for s in (-1.0, 1.0, 0.5, -0.5))
