@@ -20,6 +20,7 @@ from agent.evaluation.statistics import interval_text, paired_difference
 # Differences between policies of a study, by their names: patterns of the first and of the second.
 DIFFERENCES = {
     "methods": {"moves_minus_paper": ("moves", "paper")},
+    "groups": {"moves_minus_paper": ("moves", "paper")},
     "ablation": {
         "moves_minus_grid": ("moves-*", "grid-*"),
         "b_minus_g": ("*-b-*", "*-g-*"),

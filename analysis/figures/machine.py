@@ -15,6 +15,7 @@ from cosim.base.colours import BLACK, BLUE, GREEN, GREY, VERMILION
 from cosim.base.plotting import styled
 from cosim.calibration.primitives import Primitive, able
 from cosim.model.params import TABLE_I, RobotParams, feet_names, motor_names
+from cosim.physics.contact.elastic import axis_of
 
 ABOVE, SIDE = (0, 1), (0, 2)  # axes of the body that a view shows
 _SHAFT = 0.3  # of the body's radius: length of the arrow along it
@@ -76,6 +77,9 @@ def draw_view(axes: Axes, robot: RobotParams, view: Sequence[int]) -> None:
     for foot, name in zip(robot.feet, feet_names(len(robot.feet)), strict=True):
         place = 1e3 * np.array([foot.x_m, foot.y_m, 0.0])[shown]
         axes.plot(*place, "o", color=GREEN, markersize=5, label="foot")
+        if foot.leg:
+            root = place - 1e3 * foot.leg.length_m * np.array(axis_of(foot.leg))[shown]
+            axes.plot(*np.array([place, root]).T, color=GREEN, linewidth=1.2, label="leg")
         if shown == [*ABOVE]:
             axes.text(
                 _NAMED * place[0], _NAMED * place[1], name, color=GREEN, ha="center", va="center"

@@ -7,9 +7,11 @@ a free body keeps its momenta to rounding. The position is that of the robot's a
 geometry refers: feet, motors, the outline and what sees it. The caller owns time and forces.
 """
 
-from cosim.base.jit import inlined
+from typing import Any
+
+from cosim.base.jit import by_class, inlined
 from cosim.physics.body_state import Body
-from cosim.physics.contact.law import response
+from cosim.physics.contact import elastic, rigid
 from cosim.physics.inertia import BodyParams, about_centre, spun, turned
 from cosim.physics.rotation import (
     Vector,
@@ -20,6 +22,8 @@ from cosim.physics.rotation import (
     to_centre,
     to_world,
 )
+
+_response: Any = by_class({rigid.Rigid: rigid.response, elastic.Elastic: elastic.response})
 
 
 @inlined
@@ -45,7 +49,7 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> tu
     # `rotated` keeps the angular momentum. Moments and impulses act before the turn.
     half_spin = plus(body.omega, -1.0, spun_omega)
 
-    omega, total, impulses, legs, unsolved = response(
+    omega, total, impulses, legs, unsolved = _response(
         params.contact, params, body, world_from_body, free_velocity, free_omega
     )
     velocity = plus(body.velocity, dt, params.gravity)

@@ -24,7 +24,7 @@ class BodyParams(NamedTuple):
     # dt, inverse_dt: step in s and its inverse
     dt: float
     inverse_dt: float
-    contact: Any  # parameters of a law of contact, see `cosim.physics.contact.law`
+    contact: Any  # parameters of a law of contact, see `cosim.physics.contact`
 
 
 @inlined

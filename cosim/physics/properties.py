@@ -5,15 +5,16 @@ Robots of one batch may live in different worlds: everything that a world change
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from cosim.base.jit import inlined, kernel, unrolled
+from cosim.base.jit import by_class, inlined, kernel, unrolled
 from cosim.model.params import MotorParams, RobotParams
 from cosim.model.world import IDEAL, World
 from cosim.physics.body_state import X, Y, orientation_of, read_vector
+from cosim.physics.contact import elastic, rigid
 from cosim.physics.contact.elastic import elastic_contact
-from cosim.physics.contact.law import read_contact
 from cosim.physics.contact.rigid import CONTACT_TOLERANCE, rigid_contact
 from cosim.physics.feet import OWN_MU
 from cosim.physics.forces import MotorMount
@@ -35,6 +36,8 @@ LAW = 15  # of the law of contact, five
 FEET_Z = 20
 MU = 21  # now under each of M feet
 # After them: these where no patch is, then r and J of each motor.
+
+_read_contact: Any = by_class({rigid.Rigid: rigid.read, elastic.Elastic: elastic.read})
 
 
 def properties_size(feet: int, motors: int) -> int:
@@ -143,7 +146,7 @@ def read_params(
         any_lane(restitution > 0.0),
         common.dt,
         common.inverse_dt,
-        read_contact(
+        _read_contact(
             common.contact,
             load(properties, FEET_Z, column, width),
             _read_rows(properties, MU, column, width, common.contact.pairing.order),

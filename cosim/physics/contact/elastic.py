@@ -137,7 +137,7 @@ def response(
     velocity: Vector,
     omega: Vector,
 ) -> Response:
-    """What the floor does to a body in a step, see `cosim.physics.contact.law`."""
+    """What the floor does to a body in a step, see `cosim.physics.contact`."""
     impulses, legs, total, moment = _pushed(
         contact.feet, contact.legs, contact.mu, body.impulses, body.legs, contact, body,
         world_from_body,

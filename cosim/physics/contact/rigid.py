@@ -335,7 +335,7 @@ def response(
     velocity: Vector,
     omega: Vector,
 ) -> Response:
-    """What the floor does to a body in a step, see `cosim.physics.contact.law`."""
+    """What the floor does to a body in a step, see `cosim.physics.contact`."""
     free_velocity, free_omega, normal = velocity, omega, world_from_body[2]
     feet, mu, impulses, pairs = contact.feet, contact.mu, body.impulses, contact.pairing.pairs
     least = _least_speeds(feet, mu, body, normal, params)
