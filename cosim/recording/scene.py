@@ -202,7 +202,9 @@ def _write_robot(file: Kept, name: str, colour: int, robot: RobotParams) -> None
     )
     file.static(f"{base}/contact", forces)
     if robot.elastic:
-        shape = rr.LineStrips3D.from_fields(colors=palette([INK] * len(feet)), radii=[0.0003] * len(feet))
+        shape = rr.LineStrips3D.from_fields(
+            colors=palette([INK] * len(feet)), radii=[0.0003] * len(feet)
+        )
         file.static(f"{base}/legs", shape)
     trail = rr.LineStrips3D.from_fields(colors=[colour], radii=[0.0006])
     file.static(f"/world/{name}/trail", trail)
