@@ -37,8 +37,8 @@ from tests.references.mjcf import mujoco_track
 MACHINES = {
     "paper": find_preset("paper").config(),
     "kilobot": find_preset("kilobot").config(),
-    "2 motors, 4 feet": layout(2, 4, elastic=False),
-    "3 motors, 3 feet": layout(3, 3, elastic=False),
+    "2 motors, 4 feet": layout(2, 4),
+    "3 motors, 3 feet": layout(3, 3),
 }
 HOLD_S = 1.5  # of the set points, half as long as for a user's robot
 DRAWN = 0.3  # standard deviation of drawn parameters, in that assumed by the fit

@@ -31,7 +31,7 @@ class Options(Checked):
     """Rounds of every measurement; the best counts."""
 
 
-def machine(motors: int, feet: int, elastic: bool) -> CoSimConfig:
+def machine(motors: int, feet: int, elastic: bool = False) -> CoSimConfig:
     """Parameters of a machine with motors and feet around it; the paper's for two and three."""
     if (motors, feet, elastic) == MACHINES[0]:
         return CoSimConfig()
