@@ -31,13 +31,15 @@ class Legged(NamedTuple):
     preset: str
     omega_rad_s: tuple[float, ...]
     speed_mm_s: tuple[float, float]
-    force_mn: tuple[float, float] | None = None
+    force_mn: tuple[float, float] | None
+    source: str
 
 
+_RUNS = "repository PaulTiberiu/motor_calibration_pogobot: means of 10 runs of 10 s, twice"
 ROBOTS = (
-    Legged("hexbug", (1000.0,), (90.0, 154.0), (15.7, 20.0)),
-    Legged("pogobot-brush", (-1150.0, 1150.0), (10.1, 13.1)),
-    Legged("pogobot-rigid", (-975.0, 975.0), (3.35, 3.65)),
+    Legged("hexbug", (1000.0,), (90.0, 154.0), (15.7, 20.0), "papers, partly second hand"),
+    Legged("pogobot-brush", (-1150.0, 1150.0), (10.1, 13.1), None, _RUNS),
+    Legged("pogobot-rigid", (-975.0, 975.0), (3.35, 3.65), None, _RUNS),
 )
 
 
@@ -123,7 +125,7 @@ PARAMETERS: dict[str, Callable[..., _Case]] = {
     "stiffness": _legs(
         lambda leg, f: {"axial_n_m": f * leg.axial_n_m, "bending_n_m": f * leg.bending_n_m}
     ),
-    "axial over bending": _legs(lambda leg, f: {"axial_n_m": f * leg.axial_n_m}),
+    "axial stiffness": _legs(lambda leg, f: {"axial_n_m": f * leg.axial_n_m}),
     "damping": _legs(lambda leg, f: {"relaxation_s": f * leg.relaxation_s}),
     "height of the centre": _with(com_height_m=lambda robot, factor: factor * robot.com_height_m),
 }
@@ -139,6 +141,7 @@ def legged_rows(found: dict[Legged, dict[str, Any]]) -> list[dict[str, Any]]:
             "published_mm_s": robot.speed_mm_s,
             "stall_mn": None if own["force"] is None else 1e3 * own["force"],
             "published_mn": robot.force_mn,
+            "source": robot.source,
             **{f"d ln v / d ln {name}": slope for name, slope in own["slopes"].items()},
         }
         for robot, own in found.items()

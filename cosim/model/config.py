@@ -210,6 +210,8 @@ class CoSimConfig:
         legs = [foot.leg for foot in self.robot.feet if foot.leg is not None]
         if not legs:
             return
+        if len(legs) < len(self.robot.feet):
+            raise ConfigError("some feet are rigid and others elastic; make all of them one kind")
         if self.world.restitution:
             raise ConfigError(
                 f"restitution = {self.world.restitution:g} has no effect on elastic feet, which "

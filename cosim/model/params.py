@@ -16,6 +16,8 @@ MAX_VALUE = 1e9  # of a parameter in its unit
 Positive = Annotated[float, Meta(gt=0.0, le=MAX_VALUE)]
 Amount = Annotated[float, Meta(ge=0.0, le=MAX_VALUE)]
 Share = Annotated[float, Meta(ge=-1.0, le=1.0)]
+Lean = Annotated[float, Meta(ge=0.0, le=60.0)]  # of a leg, in degrees
+Turn = Annotated[float, Meta(ge=-360.0, le=360.0)]  # in degrees
 
 
 class Quantity(NamedTuple):
@@ -61,12 +63,12 @@ class Mount(NamedTuple):
 class Leg(NamedTuple):
     """A leg that bends, from the body to the tip that touches the floor, or a bundle of them."""
 
-    lean_deg: float  # from the vertical
-    lean_towards_deg: float  # direction from root to tip on the floor, counter-clockwise from +x
-    axial_n_m: float  # stiffness along the leg
-    bending_n_m: float  # stiffness across it, at the tip
-    relaxation_s: float  # damping over stiffness
-    length_m: float
+    lean_deg: Lean  # from the vertical
+    lean_towards_deg: Turn  # direction from root to tip on the floor, counter-clockwise from +x
+    axial_n_m: Positive  # stiffness along the leg
+    bending_n_m: Positive  # stiffness across it, at the tip
+    relaxation_s: Positive  # damping over stiffness
+    length_m: Positive
 
     @property
     def upright_n_m(self) -> float:

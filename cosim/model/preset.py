@@ -33,12 +33,14 @@ from cosim.model.params import (
     Amount,
     Drive,
     Foot,
+    Lean,
     Leg,
     MotorParams,
     MotorShares,
     Mount,
     Positive,
     RobotParams,
+    Turn,
     lift_off_speed,
 )
 from cosim.model.scenario import Scenario
@@ -221,8 +223,8 @@ class _Foot(msgspec.Struct, forbid_unknown_fields=True):
     mu: Amount | None = None
     # Of an elastic leg; stiffness is given, or follows from `_OF_BEAM`
     length_m: Positive | None = None
-    lean_deg: Annotated[float, Meta(ge=0.0, le=60.0)] | None = None
-    lean_towards_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] | None = None
+    lean_deg: Lean | None = None
+    lean_towards_deg: Turn | None = None
     axial_n_m: Positive | None = None
     bending_n_m: Positive | None = None
     diameter_m: Positive | None = None

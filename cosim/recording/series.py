@@ -224,7 +224,7 @@ SIGNALS = (
 def signals_of(
     robot: RobotParams = TABLE_I, *, distances: bool, camera: bool, full: bool = True
 ) -> list[SignalSpec]:
-    """The meaningful ones: `distances` to other robots, estimates only with a camera, and so on."""
+    """The meaningful ones: `distances` to others, estimates with a camera, deflections of legs."""
     feet = feet_names(len(robot.feet))
     own = {
         _DE: tuple(motor_names(len(robot.motors))),

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cosim.base.colours import BLUE, GREEN, VERMILION
-from cosim.base.errors import UserError
 from cosim.base.plotting import styled
 from cosim.base.progress import Progress, silent
 from cosim.base.reading import naming
@@ -18,7 +17,7 @@ from cosim.fmi.motor import with_motor
 from cosim.machine.identification.fit import QUANTILE, UNKNOWN, Fit, fit, rises, unidentifiable
 from cosim.machine.identification.plausible import require_plausible
 from cosim.machine.identification.simulated import UNITS, Simulated, machine, simulated_drive
-from cosim.machine.identification.track import SeenTrack
+from cosim.machine.identification.track import SeenTrack, require_rigid
 from cosim.model.config import UNKNOWN as UNKNOWN_SOURCE
 from cosim.model.config import CoSimConfig
 from cosim.model.preset import Preset
@@ -98,11 +97,7 @@ def identify(
 
     `preset` is what is not identified, and the usual values of what is.
     """
-    if config.robot.elastic:
-        raise UserError(
-            f"preset {preset.name} stands on elastic legs, whose stiffness and damping a track "
-            "from above does not tell; identify robots on rigid feet"
-        )
+    require_rigid(preset.name, config.robot)
     progress("turning the motors", 0, None)
     drive = simulated_drive(track, with_motor(config, fmu), fmu)
     progress("turning the motors", 1, 1)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.base.errors import FileError
+from cosim.base.errors import FileError, UserError
 from cosim.base.reading import Kind, parsing, read_bytes
 from cosim.base.storage import replacing
 from cosim.model.config import CoSimConfig
@@ -58,8 +58,18 @@ def units(motors: int) -> dict[str, str]:
     return {"time": "s", "x": "m", "y": "m", "heading": "rad"} | speeds
 
 
+def require_rigid(machine: str, robot: RobotParams) -> None:
+    """Refuse a machine on elastic legs."""
+    if robot.elastic:
+        raise UserError(
+            f"machine {machine} stands on elastic legs, whose stiffness and damping a track from "
+            "above does not tell; identify machines on rigid feet"
+        )
+
+
 def excitation(config: CoSimConfig) -> tuple[tuple[float, ...], ...]:
     """Return set points of a machine's motors to drive it with, in rad/s, each for HOLD_S."""
+    require_rigid(config.preset, config.robot)
     robot, count = config.robot, len(config.robot.motors)
     motors = zip(robot.motors, motors_of(robot, config.motor), strict=True)
     alone = [lift_off_speed(robot._replace(motors=(mount,)), motor) for mount, motor in motors]

@@ -63,10 +63,11 @@ def robot_platform(robot: RobotParams = TABLE_I, motor: MotorParams = TABLE_II) 
         and all(abs(mount.axis[1]) == 1.0 for mount in robot.motors)
         and (motors[0].m, motors[0].r) == (motors[1].m, motors[1].r)
         and all(foot.mu is None for foot in robot.feet)
+        and not robot.elastic
     ):
         raise UserError(
             "the 1-DOF platform needs two equal motors that are mirror images at the robot's "
-            "sides, with shafts across it, and feet of one friction; choose such a machine"
+            "sides, with shafts across it, and rigid feet of one friction; choose such a machine"
         )
     included = robot.masses_included
     return Platform(robot.mass_kg, 2.0 * motors[0].m, motors[0].r, robot.mu, motor.g, included)

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import UserError
 from cosim.base.jit import kernel
+from cosim.machine.identification.track import excitation
+from cosim.machine.platform.motion import robot_platform
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II, Leg, RobotParams
 from cosim.model.preset import find_preset
@@ -183,7 +185,7 @@ def test_lanes_have_the_bits_of_one(lanes):
 
 @given(data=st.data())
 @FEW
-def test_mirrored_turned_permuted_and_heavier_machines_move_alike(data):
+def test_mirrored_turned_and_permuted_machines_move_alike(data):
     machine = data.draw(legged(LEGS))
     speed = st.floats(0.3, 0.7) | st.floats(-0.7, -0.3)
     count = len(machine.motors)
@@ -207,6 +209,8 @@ def test_mirrored_turned_permuted_and_heavier_machines_move_alike(data):
     mirrored = moved(machine.mirrored(), shares)
     scale = np.abs(plain[:3]).max()
     np.testing.assert_allclose(mirrored[:3] * (1.0, -1.0, 1.0), plain[:3], atol=1e-2 * scale)
+    turned = moved(machine.turned(), shares, -0.5 * math.pi)
+    np.testing.assert_allclose(turned[:3], plain[:3], atol=1e-2 * scale)
     order = data.draw(st.permutations(range(count))), data.draw(st.permutations(range(LEGS)))
     permuted = moved(machine.permuted(*map(list, order)), [shares[k] for k in order[0]])
     np.testing.assert_allclose(permuted[:7], plain[:7], atol=1e-2 * scale)
@@ -214,7 +218,7 @@ def test_mirrored_turned_permuted_and_heavier_machines_move_alike(data):
 
 @pytest.mark.long
 def test_stiff_legs_move_as_rigid_feet():
-    """The error halves where the frequency of the bounce doubles, at least."""
+    """The error falls by a quarter at least where the frequency of the bounce doubles."""
     drive = Drive(-900.0, 900.0)
     rigid = mean_motion(TABLE_I, TABLE_II, drive, dt_s=DT).forward_m_s
     errors = []
@@ -317,7 +321,17 @@ def test_legs_that_the_law_does_not_describe_are_refused(changed, words):
         body_params(CoSimConfig(robot=robot).robot, TABLE_II, DT)
 
 
-def test_feet_that_bounce_and_bend_are_refused():
+def test_what_is_of_rigid_feet_is_refused():
+    config, mixed = CoSimConfig(robot=on(LEG)), on(LEG).feet[:2] + TABLE_I.feet[2:]
+    for feet in (mixed, mixed[::-1]):
+        with pytest.raises(UserError, match="one kind"):
+            CoSimConfig(robot=TABLE_I._replace(feet=feet))
+    with pytest.raises(UserError, match="rigid feet"):
+        robot_platform(config.robot)
+    with pytest.raises(UserError, match="elastic legs"):
+        excitation(config)
+    with pytest.raises(UserError, match="> 0"):
+        CoSimConfig(robot=on(LEG._replace(relaxation_s=0.0)))
     with pytest.raises(UserError, match="restitution"):
         CoSimConfig(robot=on(LEG), world=World(restitution=0.2))
 
