@@ -192,8 +192,8 @@ class DriveBoards(DynamicsBoards):
         episode.measures = Measures(poses[:, :2], poses[:, 2], _PERIOD_S)
         state, columns = self._batch.state, range(m * self.shape[1], (m + 1) * self.shape[1])
         for column, (x, y, angle) in zip(columns, poses.tolist(), strict=True):
-            state.bodies[:, column] = standing_state(episode.config.robot, x, y, angle)
-            state.estimates[column, POSE : POSE + 3] = x, y, angle
+            state.bodies.motion[:, column] = standing_state(episode.config.robot, x, y, angle)
+            state.onboard.estimates[column, POSE : POSE + 3] = x, y, angle
         begun = poses, 0.0, targets_m, 0.0, _NEW_DITHER, _world_of(episode.config)
         for array, values in zip(self._driven, begun, strict=True):
             array[m] = values
@@ -202,7 +202,7 @@ class DriveBoards(DynamicsBoards):
     def _locate(self, poses: np.ndarray) -> None:
         """Write true poses (K, N, 3), and the distances from targets."""
         flat = self._driven.targets_m.reshape(-1, 2), poses.reshape(-1, 3)
-        _locate(self._batch.state.bodies, *flat, self._driven.away_m.reshape(-1))
+        _locate(self._batch.state.bodies.motion, *flat, self._driven.away_m.reshape(-1))
 
     def joint(self, actions: Any) -> np.ndarray:
         """See `EnvBoards.joint`."""
@@ -215,7 +215,7 @@ class DriveBoards(DynamicsBoards):
         state, count, robots = batch.state, math.prod(self.shape), self.shape[1]
         running, moved = ~self.arrays.over, self.remaining()
         before = Driven._make(map(np.copy, driven))
-        commands = state.commands[:count]
+        commands = state.onboard.commands[:count]
         speeds = set_points(
             actions.reshape(count, -1),
             self._config,
@@ -227,15 +227,16 @@ class DriveBoards(DynamicsBoards):
         episodes = self._episodes()
         for samples, _ in batch.stretches():
             for m in np.flatnonzero(running).tolist():
-                own = slice(state.periods[m]), slice(m * robots, (m + 1) * robots)
+                own = slice(state.episodes.periods[m]), slice(m * robots, (m + 1) * robots)
                 episodes[m].measures.add(Samples._make(signal[own] for signal in samples))
         self._locate(driven.poses)
         if self._estimated:
-            driven.poses[:] = state.estimates[:count, POSE : POSE + 3].reshape(*self.shape, 3)
+            estimates = state.onboard.estimates[:count, POSE : POSE + 3]
+            driven.poses[:] = estimates.reshape(*self.shape, 3)
         poses = before.poses.reshape(-1, 3), driven.poses.reshape(-1, 3)
         driven.velocities[:] = velocities(*poses, self._interval_s).reshape(*self.shape, 3)
         self._arrived |= self._task.arrived(driven)
-        events = state.events[:count].reshape(self.shape)
+        events = state.episodes.events[:count].reshape(self.shape)
         worst = events.max(axis=1)
         ends = np.where(self._arrived.all(axis=1) & (worst == RUNNING), SUCCESS, worst)
         ends[(ends == RUNNING) & (self._steps >= self._last_step)] = TIMEOUT
@@ -250,8 +251,8 @@ class DriveBoards(DynamicsBoards):
 
     def _observed(self) -> tuple[np.ndarray, np.ndarray]:
         state, count, robots = self._batch.state, math.prod(self.shape), self.shape[1]
-        motors = state.set_points.shape[0]
-        speeds = state.outputs[motors : 2 * motors, :count].T
+        motors = state.motors.set_points.shape[0]
+        speeds = state.motors.outputs[motors : 2 * motors, :count].T
         poses, moving, targets_m, *_, worlds = (a.reshape(count, -1) for a in self._driven)
         motion = DriveObservation(poses, moving, speeds, targets_m, self.scenario, self._config, {})
         observations = observed(motion, robots, worlds if self._context else None)

@@ -153,7 +153,7 @@ def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str
         chance=np.zeros(n),
     )
     batch.close()
-    properties, rows = play.state.properties, slice(MU, MU + 2 * feet)
+    properties, rows = play.state.bodies.properties, slice(MU, MU + 2 * feet)
     places = np.arange(properties.size).reshape(properties.shape)[rows, :n]
     equal = (properties[rows, :n] == config.robot.mu).all()
     facts = {

@@ -21,7 +21,14 @@ from cosim.base.jit import inlined, kernel
 from cosim.coupling.assembly import write_noise
 from cosim.coupling.master import run_periods
 from cosim.coupling.plant import Plant
-from cosim.coupling.signals import RawSamples, Samples, State, new_raw_samples, new_samples
+from cosim.coupling.signals import (
+    RawSamples,
+    Samples,
+    State,
+    new_raw_samples,
+    new_samples,
+    with_sight,
+)
 from cosim.fmi.calls import Calls, exchange
 from cosim.model.params import motors_of
 from cosim.model.scenario import touches_obstacle
@@ -103,7 +110,7 @@ class Play(NamedTuple):
 def new_play(batch: Batch, episode: RunningEpisode, decides: Any = ()) -> Play:
     """Return the episode that has begun in a batch with one place, driven by compiled code."""
     config, robots, state = batch.config, batch.robots, batch.state
-    periods, columns = config.periods_per_step, state.bodies.shape[1]
+    periods, columns = config.periods_per_step, state.bodies.motion.shape[1]
     sizes, sensor = config.robot.sizes, config.world.camera
     motors, noise, spread = robots * sizes[0], episode.noise, config.world.motor_spread or 0.0
     frames = frames_within(sensor, config.timing.rl_step_s)
@@ -118,7 +125,7 @@ def new_play(batch: Batch, episode: RunningEpisode, decides: Any = ()) -> Play:
         decides,
         batch.plant,
         periods,
-        state._replace(sight=np.zeros((frames, columns, NOISE))),
+        with_sight(state, np.zeros((frames, columns, NOISE))),
         robots_of(state, 0),
         new_samples(periods, columns, *sizes),
         new_raw_samples(0, columns, *sizes),
@@ -136,7 +143,7 @@ def new_play(batch: Batch, episode: RunningEpisode, decides: Any = ()) -> Play:
         np.zeros((motors, -(-periods // noise.hold))),
         np.zeros((robots, frames * SIGHT_DRAWS)),
         spread_of(sensor),
-        state.cameras.copy(),
+        state.onboard.cameras.copy(),
         Varied(
             np.zeros(motors * VARIED + 1),
             spread,
@@ -167,7 +174,7 @@ def start(play: Play) -> int:
                 varied.own[k, motor, robot] = varied.usual[motor, k] * factor
             moved[motor, 0] = varied.own[3, motor, robot]
             moved[motor, 1] = varied.own[2, motor, robot]
-        write_own(play.state.properties, robot, down, moved)
+        write_own(play.state.bodies.properties, robot, down, moved)
     put_down(play.rules, play.robots, play.moves, play.cells)
     status = 0
     for k in range(len(varied.references)):
@@ -241,8 +248,8 @@ def step(play: Play) -> int:
     """Simulate an RL step, or its beginning, in which robots adopt `play.wanted`.
 
     Returns:
-        The rank of its outcome in `cosim.model.outcome`, or MOTORS_FAILED. `state.periods` has the
-        number of rows in `play.samples`, less than an RL step when something ended the episode.
+        The rank of its outcome in `cosim.model.outcome`, or MOTORS_FAILED. `episodes.periods` has
+        the number of rows in `play.samples`, less than an RL step when something ended the episode.
     """
     state, moves, noise = play.state, play.moves, play.noise[: play.periods]
     if play.plant.shielded:
@@ -251,13 +258,13 @@ def step(play: Play) -> int:
         adopt(play.rules, play.robots, moves, play.wanted, None)
     write_noise(noise, play.noise_draws, play.amplitude, play.hold, play.values, play.left)
     for robot in range(len(play.sight_draws)):
-        state.cameras[robot, SIGHT] = 0.0
-        write_sight(state.sight[:, robot], play.sight_draws[robot], *play.spread)
-    state.periods[0] = 0
+        state.onboard.cameras[robot, SIGHT] = 0.0
+        write_sight(state.onboard.sight[:, robot], play.sight_draws[robot], *play.spread)
+    state.episodes.periods[0] = 0
     status, _ = run_periods(
         play.plant, state, noise, play.samples, play.raw, play.calls, play.width
     )
-    moves.counts[TICK] += state.periods[0] * play.plant.ticks_per_period
+    moves.counts[TICK] += state.episodes.periods[0] * play.plant.ticks_per_period
     return MOTORS_FAILED if status else conclude(play.rules, play.robots, moves, False)
 
 
@@ -265,27 +272,28 @@ def step(play: Play) -> int:
 def place(play: Play) -> int:
     """Put the robot that is asked for at rest where there is room; return whether there was."""
     state, moves, robot = play.state, play.moves, int(play.asked[0])
+    floor, motion, onboard = state.floor, state.bodies.motion, state.onboard
     x, y = play.asked[1], play.asked[2]
     reach = 0.5 * play.plant.pair.diameter
-    if not (0.0 <= x < state.boards[0, 0] and 0.0 <= y < state.boards[0, 1]):
+    if not (0.0 <= x < floor.boards[0, 0] and 0.0 <= y < floor.boards[0, 1]):
         return 0
-    if _touches(x, y, reach * reach, state.obstacles[0]):
+    if _touches(x, y, reach * reach, floor.obstacles[0]):
         return 0
-    if _touches(x, y, 0.0, state.forbidden[robot]):
+    if _touches(x, y, 0.0, floor.forbidden[robot]):
         return 0
     for other in range(play.plant.robots):
-        away_x, away_y = state.bodies[X, other] - x, state.bodies[Y, other] - y
+        away_x, away_y = motion[X, other] - x, motion[Y, other] - y
         if other != robot and away_x * away_x + away_y * away_y <= 4.0 * reach * reach:
             return 0
-        if state.owners[other] != robot and _touches(x, y, 0.0, state.targets[other : other + 1]):
+        if floor.owners[other] != robot and _touches(x, y, 0.0, floor.targets[other : other + 1]):
             return 0
-    angle = heading(orientation_of(state.bodies[:, robot]))
-    stand(state.bodies[:, robot], play.rules.height_m, x, y, angle)
-    state.estimates[robot] = state.shields[robot] = 0.0
-    state.cameras[robot] = play.cameras[robot]
-    pose = state.estimates[robot]
+    angle = heading(orientation_of(motion[:, robot]))
+    stand(motion[:, robot], play.rules.height_m, x, y, angle)
+    onboard.estimates[robot] = onboard.shields[robot] = 0.0
+    onboard.cameras[robot] = play.cameras[robot]
+    pose = onboard.estimates[robot]
     pose[POSE], pose[POSE + 1], pose[POSE + 2] = x, y, angle
-    state.commands[robot, MODE] = HOLD
+    onboard.commands[robot, MODE] = HOLD
     moves.arrived[robot], moves.moving[robot] = False, True  # so that it arrives on its target
     conclude(play.rules, play.robots, moves, False)
     return 1

@@ -20,6 +20,7 @@ from cosim.coupling.signals import (
     new_samples,
     new_state,
     with_room,
+    with_sight,
 )
 from cosim.fmi.motor import MotorFmu
 from cosim.fmi.motors import Motors
@@ -78,24 +79,28 @@ class Trial:
         self._tick = 0
         self._sizes = config.robot.sizes
         self._state = new_state(n, 1, columns, *self._sizes)
-        self._state.properties[:] = robot_properties(config)[:, None]
+        self._state.bodies.properties[:] = robot_properties(config)[:, None]
         self.origins_m = SPACING_M * np.column_stack([np.arange(1, n + 1), np.ones(n)])
         self._motors = Motors(motor_fmu, config, columns)
         for robot, (x, y) in enumerate(self.origins_m):
-            self._state.bodies[:, robot] = standing_state(config.robot, x, y, headings_rad[robot])
+            standing = standing_state(config.robot, x, y, headings_rad[robot])
+            self._state.bodies.motion[:, robot] = standing
             own = motors[robot] if motors else motors_of(config.robot, config.motor)
-            self._state.properties[:, robot] = robot_properties(config, gravity, own)
+            self._state.bodies.properties[:, robot] = robot_properties(config, gravity, own)
             start = self._motors.restart([robot], (own,))
-            self._state.outputs[: len(start), [robot]] = start
-        self._state.running[:] = 1
+            self._state.motors.outputs[: len(start), [robot]] = start
+        self._state.episodes.running[:] = 1
         if sight is not None:
             sensor, room = config.world.camera, np.zeros((len(sight), columns, NOISE))
             self._state = with_room(self._state, frames=frames_in_flight(sensor))
-            self._state = self._state._replace(sight=room)
-            self._state.cameras[:n] = camera_of(sensor, config.timing.control_period_s)
-            self._state.sight[:, :n] = sight
-        self.estimates = self._state.estimates[:n]
-        self.bodies, self.commands = self._state.bodies[:, :n], self._state.commands[:n]
+            self._state = with_sight(self._state, room)
+            self._state.onboard.cameras[:n] = camera_of(sensor, config.timing.control_period_s)
+            self._state.onboard.sight[:, :n] = sight
+        self.estimates = self._state.onboard.estimates[:n]
+        self.bodies, self.commands = (
+            self._state.bodies.motion[:, :n],
+            self._state.onboard.commands[:n],
+        )
         self._noise = SpeedNoise(config, seed, n)
         self._driver = CompiledDriver(self._motors, lanes)
 
@@ -114,7 +119,7 @@ class Trial:
     def omega(self) -> np.ndarray:
         """Motor speeds now in rad/s, (N, M)."""
         motors = self._sizes[0]
-        return self._state.outputs[motors : 2 * motors, : len(self.origins_m)].T.copy()
+        return self._state.motors.outputs[motors : 2 * motors, : len(self.origins_m)].T.copy()
 
     @property
     def time_s(self) -> float:
@@ -122,13 +127,13 @@ class Trial:
         return self._tick * self._config.timing.dt_s
 
     def lay(self, patches: np.ndarray) -> None:
-        """Put a floor of its own under each robot: (N, P, 5), see `State.patches`."""
+        """Put a floor of its own under each robot: (N, P, 5), see `Floor.patches`."""
         self._state = with_room(self._state, patches=patches.shape[1])
-        self._state.patches[: len(patches)] = patches
+        self._state.floor.patches[: len(patches)] = patches
 
     def ticks(self, count: int) -> RawSamples:
         """Return room for the signals of `count` ticks, see `advance`."""
-        return new_raw_samples(count, self._state.bodies.shape[1], *self._sizes)
+        return new_raw_samples(count, self._state.bodies.motion.shape[1], *self._sizes)
 
     def set_motors(self, set_points: np.ndarray) -> None:
         """Command set points of the motors in rad/s, (N, M), or (M,) for all robots."""
@@ -144,7 +149,7 @@ class Trial:
         Args:
             ticks: room for the first ticks, of all columns.
         """
-        n, columns = len(self.origins_m), self._state.bodies.shape[1]
+        n, columns = len(self.origins_m), self._state.bodies.motion.shape[1]
         samples = new_samples(periods, columns, *self._sizes)
         noise = np.zeros((periods, columns, self._sizes[0]))
         noise[:, :n] = self._noise.draw(periods)
@@ -194,7 +199,7 @@ def trial_in_world(
 
 
 def corners(config: CoSimConfig, origins_m: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return a floor (N, P, 5) of its own for each robot, see `State.patches`.
+    """Return a floor (N, P, 5) of its own for each robot, see `Floor.patches`.
 
     Where the world has patches, four of their friction coefficients meet at a corner under the
     robot's feet, or close to them; the extremes are as frequent as all others together.

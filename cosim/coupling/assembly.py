@@ -73,7 +73,7 @@ def robot_properties(
     gravity: Vector | None = None,
     motors: Sequence[MotorParams] | None = None,
 ) -> np.ndarray:
-    """Return a robot's column of `State.properties`; gravity (m/s²) in the frame of the floor."""
+    """Return a robot's column of `Bodies.properties`; gravity (m/s²) in the frame of the floor."""
     robot, dt_s = config.robot, config.timing.dt_s
     motors = motors or motors_of(robot, config.motor)
     return properties_of(

@@ -88,7 +88,7 @@ _FALLS = {
 
 
 def _not_finite(state: State, tick: int) -> NotFiniteError:
-    values = np.concatenate([state.inputs, state.outputs, state.bodies])
+    values = np.concatenate([state.motors.inputs, state.motors.outputs, state.bodies.motion])
     size = np.nan_to_num(np.abs(values), nan=np.inf, posinf=np.inf)
     row, column = map(int, np.unravel_index(size.argmax(), size.shape))
     motors, *feet = sizes_of(state)
@@ -103,10 +103,10 @@ def _not_finite(state: State, tick: int) -> NotFiniteError:
 
 def _refuse_falls(plant: Plant, state: State) -> None:
     """Raise the first fault that ended an episode."""
-    for column in np.flatnonzero(np.isin(state.events, list(_FALLS))).tolist():
-        if periods := int(state.periods[column // plant.robots]):
+    for column in np.flatnonzero(np.isin(state.episodes.events, list(_FALLS))).tolist():
+        if periods := int(state.episodes.periods[column // plant.robots]):
             ticks = periods * plant.ticks_per_period
-            raise FallError(_FALLS[int(state.events[column])], column, ticks)
+            raise FallError(_FALLS[int(state.episodes.events[column])], column, ticks)
 
 
 class Driver(ABC):
@@ -154,13 +154,13 @@ class ReferenceDriver(Driver):
         tick, dt, count, motors = 0, plant.body.dt, plant.ticks_per_step, self.motors
         for period in range(len(noise)):
             begin_period(plant, state, noise[period], 1)
-            motors.set_inputs(state.inputs, dt)
+            motors.set_inputs(state.motors.inputs, dt)
             for _ in range(plant.ticks_per_period // count):
                 begin_step(plant, state)
                 motors.step(count, dt)
-                motors.get_outputs(state.outputs, dt)
+                motors.get_outputs(state.motors.outputs, dt)
                 for k in range(count):
-                    for column in np.flatnonzero(state.busy).tolist():
+                    for column in np.flatnonzero(state.episodes.busy).tolist():
                         if not step_robots(plant, state, column, k, _ONE):
                             raise _not_finite(state, tick)
                     push_bodies(plant, state)
@@ -169,8 +169,8 @@ class ReferenceDriver(Driver):
                     tick += 1
                 if plant.reaction:
                     react(plant, state)
-                    motors.set_inputs(state.inputs, dt)
-            motors.get_electrical(state.electrical, dt)
+                    motors.set_inputs(state.motors.inputs, dt)
+            motors.get_electrical(state.motors.electrical, dt)
             if not end_period(plant, state, samples, period):
                 break
         restore_ended(plant, state)
@@ -231,7 +231,7 @@ class FmpyDriver(CompiledDriver):
         callback = _CALLBACK(self._stepper(plant, failures))
         calls = self.motors.calls._replace(
             step_period=ctypes.cast(callback, ctypes.c_void_p).value,
-            sampled=aligned(len(state.outputs) * steps, state.outputs.shape[1]),
+            sampled=aligned(len(state.motors.outputs) * steps, state.motors.outputs.shape[1]),
         )
         try:
             self._run(plant, state, noise, samples, raw, calls)
@@ -289,24 +289,24 @@ def run_periods(
         begin_period(plant, state, noise[period], lanes)
         fresh_inputs = not sampled
         if sampled:
-            status = step_period(calls, state.inputs)
+            status = step_period(calls, state.motors.inputs)
             if status > FMI_WARNING:
                 return status, 0
         for step in range(plant.ticks_per_period // count):
             begin_step(plant, state)
             if sampled:
-                take_sampled(calls, state.outputs, step, width)
+                take_sampled(calls, state.motors.outputs, step, width)
             if fresh_inputs:
-                status, instance = set_inputs(calls, state.inputs)
+                status, instance = set_inputs(calls, state.motors.inputs)
                 if status > FMI_WARNING:
                     return status, instance
             if instances == 1 and not sampled:
-                status, instance = step_motors(calls, state.outputs, 0, 1, count, dt)
+                status, instance = step_motors(calls, state.motors.outputs, 0, 1, count, dt)
                 if status > FMI_WARNING:
                     return status, instance
             for k in range(count):
-                for column in range(0, state.bodies.shape[1], lanes):
-                    if not state.busy[column]:
+                for column in range(0, state.bodies.motion.shape[1], lanes):
+                    if not state.episodes.busy[column]:
                         continue
                     if instances > 1 and k == 0:
                         # Motors just before their bodies: the processor then works on several
@@ -314,7 +314,7 @@ def run_periods(
                         # free.
                         status, instance = step_motors(
                             calls,
-                            state.outputs,
+                            state.motors.outputs,
                             calls.motors * column,
                             calls.motors * (column + lanes),
                             count,
@@ -331,7 +331,9 @@ def run_periods(
             fresh_inputs = plant.reaction
             if plant.reaction:
                 react(plant, state)
-        status, instance = exchange_signals(calls, get, electrical, state.electrical, 0, instances)
+        status, instance = exchange_signals(
+            calls, get, electrical, state.motors.electrical, 0, instances
+        )
         if status > FMI_WARNING:
             return status, instance
         if not end_period(plant, state, samples, period):

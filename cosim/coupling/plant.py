@@ -23,6 +23,7 @@ from cosim.coupling.signals import (
     NORMAL,
     SLIPPING,
     UNSOLVED,
+    Contacts,
     State,
 )
 from cosim.model.params import EstimatorParams, ShieldParams, SteeringParams
@@ -56,7 +57,7 @@ class Plant(NamedTuple):
     """Constants of the coupled system; no arrays, because numba would count their references."""
 
     robots: int  # of an episode
-    # equations of motion; what differs from robot to robot is in `State.properties`
+    # equations of motion; what differs from robot to robot is in `Bodies.properties`
     body: BodyParams
     motors: Pairing
     # of the motors in the order of their pairing, likewise; z from the floor
@@ -82,15 +83,15 @@ def begin_step(plant: Plant, state: State) -> None:
     """Keep the values of both sides at the start of a communication step, if needed later."""
     # Element by element, here and below: numba takes longer to compile one slice assignment than
     # all of this module.
-    columns = state.held.shape[1]
+    motors, bodies, columns = state.motors, state.bodies, state.motors.held.shape[1]
     if plant.ticks_per_step > 1:
-        for row in range(state.held.shape[0]):
+        for row in range(motors.held.shape[0]):
             for column in range(columns):
-                state.held[row, column] = state.outputs[row, column]
+                motors.held[row, column] = motors.outputs[row, column]
     if plant.reaction:
-        for row in range(state.held_velocities.shape[0]):
+        for row in range(bodies.held_velocities.shape[0]):
             for column in range(columns):
-                state.held_velocities[row, column] = state.bodies[V_X + row, column]
+                bodies.held_velocities[row, column] = bodies.motion[V_X + row, column]
 
 
 @unrolled
@@ -143,18 +144,18 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
 
     Returns whether all of them have a finite place and velocity.
     """
-    motors, contact, steps = plant.motors, plant.body.contact, plant.ticks_per_step
+    order, steps, bodies = plant.motors.order, plant.ticks_per_step, state.bodies
     share = (tick + 1) / steps if steps > 1 else -1.0
-    step_s = steps * plant.body.dt
-    outputs = _outputs(motors.order, state.outputs, state.held, column, share, step_s, width)
-    mounts = read_mounts(state.properties, motors.order, column, width, plant.mounts)
-    force, moment = motor_wrenches(motors.pairs, mounts, outputs)
-    params = read_params(state.properties, column, width, plant.body)
-    order = contact.pairing.order
-    before = read_body(state.bodies, column, width, order, contact.legs)
+    outputs, held = state.motors.outputs, state.motors.held
+    signals = _outputs(order, outputs, held, column, share, steps * plant.body.dt, width)
+    mounts = read_mounts(bodies.properties, order, column, width, plant.mounts)
+    force, moment = motor_wrenches(plant.motors.pairs, mounts, signals)
+    params = read_params(bodies.properties, column, width, plant.body)
+    order, legs = plant.body.contact.pairing.order, plant.body.contact.legs
+    before = read_body(bodies.motion, column, width, order, legs)
     body, unsolved = stepped(before, params, force, moment)
-    write_body(state.bodies, column, width, order, body)
-    statistics = state.statistics
+    write_body(bodies.motion, column, width, order, body)
+    statistics = bodies.statistics
     lifted = _watch_feet(
         statistics, order, column, width, before.impulses, body.impulses, params.contact.mu
     )
@@ -225,28 +226,29 @@ def _count(statistics: np.ndarray, row: int, column: int, width: Width, holds: b
 @inlined
 def push_bodies(plant: Plant, state: State) -> None:
     """Apply the contact impulses of robots and obstacles at the end of a tick."""
-    inverse_dt = plant.body.inverse_dt
-    for k in range(state.near_count[0]):
-        i, j = state.near[k, 0], state.near[k, 1]
-        if push_apart(state.bodies, state.properties, i, j, plant.pair, inverse_dt) > 0.0:
-            state.touched[i] = state.touched[j] = 1
-    for k in range(state.near_count[1]):
-        i, j = state.near_walls[k, 0], state.near_walls[k, 1]
-        wall = state.obstacles[i // plant.robots, j]
-        if push_off(state.bodies, state.properties, i, wall, plant.pair, inverse_dt) > 0.0:
-            state.touched[i] = 1
-    for k in range(state.near_count[0]):
-        _count_contact(state, state.near[k, 0])
-        _count_contact(state, state.near[k, 1])
-    for k in range(state.near_count[1]):
-        _count_contact(state, state.near_walls[k, 0])
+    inverse_dt, contacts = plant.body.inverse_dt, state.contacts
+    motion, properties = state.bodies.motion, state.bodies.properties
+    for k in range(contacts.counts[0]):
+        i, j = contacts.pairs[k, 0], contacts.pairs[k, 1]
+        if push_apart(motion, properties, i, j, plant.pair, inverse_dt) > 0.0:
+            contacts.touched[i] = contacts.touched[j] = 1
+    for k in range(contacts.counts[1]):
+        i, j = contacts.walls[k, 0], contacts.walls[k, 1]
+        wall = state.floor.obstacles[i // plant.robots, j]
+        if push_off(motion, properties, i, wall, plant.pair, inverse_dt) > 0.0:
+            contacts.touched[i] = 1
+    for k in range(contacts.counts[0]):
+        _count_contact(contacts, contacts.pairs[k, 0])
+        _count_contact(contacts, contacts.pairs[k, 1])
+    for k in range(contacts.counts[1]):
+        _count_contact(contacts, contacts.walls[k, 0])
 
 
 @inlined
-def _count_contact(state: State, column: int) -> None:
+def _count_contact(contacts: Contacts, column: int) -> None:
     """Count this tick, once however much the robot touches in it."""
-    state.touching[column] += state.touched[column]
-    state.touched[column] = 0
+    contacts.touching[column] += contacts.touched[column]
+    contacts.touched[column] = 0
 
 
 @inlined
@@ -257,8 +259,9 @@ def react(plant: Plant, state: State) -> None:
     communication step. Eq. (13) has only the weight's, which is the same with a = (0, 0, g).
     """
     rate = 1.0 / (plant.ticks_per_step * plant.body.dt)
-    for column in range(state.bodies.shape[1]):
-        body, held = state.bodies[:, column], state.held_velocities[:, column]
+    motors, bodies = state.motors, state.bodies
+    for column in range(bodies.motion.shape[1]):
+        body, held = bodies.motion[:, column], bodies.held_velocities[:, column]
         matrix = rotation_matrix(orientation_of(body))
         change = (
             (body[V_X] - held[0]) * rate,
@@ -266,13 +269,13 @@ def react(plant: Plant, state: State) -> None:
             (body[V_Z] - held[2]) * rate,
         )
         wx, wy, wz = body[W_X] - held[3], body[W_Y] - held[4], body[W_Z] - held[5]
-        params = read_params(state.properties, column, _ONE, plant.body)
+        params = read_params(bodies.properties, column, _ONE, plant.body)
         spin = (wx, wy, wz)
         turn = (rate * wx, rate * wy, rate * wz)
         along = at_axis(to_body(matrix, change), turn, params)
         order = plant.motors.order
-        mounts = read_mounts(state.properties, order, column, _ONE, plant.mounts)
+        mounts = read_mounts(bodies.properties, order, column, _ONE, plant.mounts)
         for k in range(len(order)):
-            angle = state.outputs[order[k], column]
+            angle = motors.outputs[order[k], column]
             torque = reaction_torque(mounts[k], angle, along, spin, rate)
-            state.inputs[2 * len(order) + order[k], column] = torque
+            motors.inputs[2 * len(order) + order[k], column] = torque

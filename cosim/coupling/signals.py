@@ -4,16 +4,13 @@ Records of numpy arrays for the kernels of `cosim.coupling.plant` and `period`; 
 """
 
 import functools
+from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 
-from cosim.onboard.camera import CAMERA_SIZE, FRAME_SIZE, NOISE
-from cosim.onboard.estimation import ESTIMATE_SIZE
-from cosim.onboard.shield import SHIELD_SIZE
-from cosim.onboard.steering import COMMAND_SIZE
+from cosim.onboard.state import Floor, Onboard
 from cosim.physics.body_state import OF_LEG, QUATERNION, body_signals, legs_row, state_size
-from cosim.physics.neighbours import LISTS
 from cosim.physics.properties import properties_size
 
 _LINE = 8  # float64 of a cache line, and most lanes of a vector
@@ -29,38 +26,31 @@ def signal_names(motors: str, feet: int, legs: int = 0) -> tuple[str, ...]:
     )
 
 
-# Rows of the statistics of a control period, see `State.statistics`: of the robot, then of each
+# Rows of the statistics of a control period, see `Bodies.statistics`: of the robot, then of each
 # foot at `FOOT * k` from the first ones.
 LIFTED, AIRBORNE, UNSOLVED = 0, 1, 2
 NORMAL, IMPACT, SLIPPING, FRICTION_X, FRICTION_Y, LANDING = range(3, 9)
 FOOT = 6
 
 
-class State(NamedTuple):
-    """Variables of K episodes of N robots each; float64 unless said otherwise.
+class MotorSignals(NamedTuple):
+    """Rows of the motors: those of D, E and so on, one signal after the other."""
 
-    Robot r of episode e has column e N + r of B; columns beyond are idle, so that B is a whole
-    number of vectors. Rows that motors have are those of D, E and so on, one signal after the
-    other.
-    Annotations give the shape; a size of 0 grows by `with_room`.
-    """
-
-    # Where robots think they are, layout in cosim.onboard.estimation
-    estimates: Annotated[np.ndarray, "B", ESTIMATE_SIZE]
-    cameras: Annotated[np.ndarray, "B", CAMERA_SIZE]  # layout in cosim.onboard.camera
-    frames: Annotated[np.ndarray, "B", 0, FRAME_SIZE]  # of the camera, under way
-    sight: Annotated[np.ndarray, 0, "B", NOISE]  # what the camera makes of robots in next frames
-    bodies: Annotated[np.ndarray, "body", "B"]  # layout in cosim.physics.body_state
-    properties: Annotated[np.ndarray, "properties", "B"]  # layout in cosim.physics.properties
-    commands: Annotated[np.ndarray, "B", COMMAND_SIZE]  # layout in cosim.onboard.steering
-    shields: Annotated[np.ndarray, "B", SHIELD_SIZE]  # layout in cosim.onboard.shield
     set_points: Annotated[np.ndarray, "motors", "B"]  # motor speeds that the steering asks for
     # omega_des (or V_in where motors are in open loop), omega_noise, d
     inputs: Annotated[np.ndarray, "3 motors", "B"]
     outputs: Annotated[np.ndarray, "3 motors", "B"]  # theta, omega, omega_dot
     held: Annotated[np.ndarray, "3 motors", "B"]  # outputs at the start of the communication step
-    held_velocities: Annotated[np.ndarray, 6, "B"]  # (world) and angular (body) at that time
     electrical: Annotated[np.ndarray, "4 motors", "B"]  # V_s, i, u, integral; NaN without them
+
+
+class Bodies(NamedTuple):
+    """Bodies of the robots, and what is counted of their feet."""
+
+    motion: Annotated[np.ndarray, "body", "B"]  # layout in cosim.physics.body_state
+    properties: Annotated[np.ndarray, "properties", "B"]  # layout in cosim.physics.properties
+    # Velocities (world) and angular ones (body) at the start of the communication step
+    held_velocities: Annotated[np.ndarray, 6, "B"]
     # Of this control period: ticks in which a foot carried nothing, in which no foot carried
     # anything, and in which contacts were not solved; of each foot the sum of normal impulses in
     # N s, the part of it in impacts, ticks in which it slid, the sums of friction impulses along x
@@ -69,35 +59,43 @@ class State(NamedTuple):
     statistics: Annotated[np.ndarray, "statistics", "B"]
     # Ticks since the start in which contacts were not solved, less a share of all ticks
     unsolved: Annotated[np.ndarray, "B"]
+    ended: Annotated[np.ndarray, "body", "B"]  # motion of ended episodes, as it was then
+
+
+class Contacts(NamedTuple):
+    """Robots that may touch each other or obstacles in this period."""
+
+    pairs: Annotated[np.ndarray, "pairs", 2, np.int64]  # columns of robots
+    walls: Annotated[np.ndarray, 0, 2, np.int64]  # columns of robots, and obstacles
+    counts: Annotated[np.ndarray, 2, np.int64]  # how many pairs, and how many of the latter
     touching: Annotated[np.ndarray, "B"]  # ticks of this period with a robot or obstacle touched
     touched: Annotated[np.ndarray, "B", np.int64]  # whether that is so in this tick
-    near: Annotated[np.ndarray, "pairs", 2, np.int64]  # columns that may touch in this period
-    # near_robots, near_targets, near_zone: room for `cosim.physics.neighbours`
-    near_robots: Annotated[np.ndarray, LISTS, "B", np.int64]
-    near_targets: Annotated[np.ndarray, LISTS, "B", np.int64]
-    near_zone: Annotated[np.ndarray, LISTS, "B", np.int64]
-    near_walls: Annotated[np.ndarray, 0, 2, np.int64]  # columns and obstacles likewise
-    near_count: Annotated[np.ndarray, 2, np.int64]  # how many pairs, and how many of the latter
-    # Of the first column of every vector, whether an episode runs in it
-    busy: Annotated[np.ndarray, "B", np.int64]
+
+
+class Episodes(NamedTuple):
+    """What goes on in the places for episodes."""
+
     running: Annotated[np.ndarray, "K", np.int64]  # whether an episode is running
     periods: Annotated[np.ndarray, "K", np.int64]  # control periods that it did in this advance
     # What became of each robot in its last period, see `cosim.model.outcome`; or a fault
     events: Annotated[np.ndarray, "B", np.int64]
-    ended: Annotated[np.ndarray, "body", "B"]  # bodies of ended episodes, as they were then
-    boards: Annotated[np.ndarray, "K", 2]  # extent of the board in m, its corner at the origin
-    margins_m: Annotated[np.ndarray, "K"]  # of the board's edge, where the shield keeps robots off
-    cells_m: Annotated[np.ndarray, "K"]  # edge of the board's cells
-    # Rectangles left, bottom, right, top in m, which stay; infinitely far where there are fewer
-    obstacles: Annotated[np.ndarray, "K", 0, 4]
-    # Rectangles likewise, in which the centre of a robot is a collision
-    forbidden: Annotated[np.ndarray, "B", 0, 4]
-    # Rectangles in which the centre of any robot but one is a collision, of each episode in an
-    # order of their own; and the columns of those robots
-    targets: Annotated[np.ndarray, "B", 4]
-    owners: Annotated[np.ndarray, "B", np.int64]
-    # Rectangles of the floor and their friction coefficients; later ones cover earlier ones
-    patches: Annotated[np.ndarray, "K", 0, 5]
+    # Of the first column of every vector, whether an episode runs in it
+    busy: Annotated[np.ndarray, "B", np.int64]
+
+
+class State(NamedTuple):
+    """Variables of K episodes of N robots each; float64 unless said otherwise.
+
+    Robot r of episode e has column e N + r of B; columns beyond are idle, so that B is a whole
+    number of vectors. Annotations give the shape; a size of 0 grows by `with_room`.
+    """
+
+    motors: MotorSignals
+    bodies: Bodies
+    contacts: Contacts
+    onboard: Onboard
+    floor: Floor
+    episodes: Episodes
 
 
 class Samples(NamedTuple):
@@ -180,20 +178,34 @@ def new_state(
         "properties": properties_size(feet, motors),
         "statistics": NORMAL + FOOT * feet,
     }
+    state = State(*(_zeros(record, sizes) for record in get_type_hints(State).values()))
+    state.bodies.motion[QUATERNION.start] = state.bodies.ended[QUATERNION.start] = 1.0
+    state.floor.cells_m[:] = 1.0
+    state.floor.boards[:] = state.floor.targets[:] = np.inf
+    state.motors.electrical[:] = np.nan
+    return state
+
+
+def _zeros(record: type[Any], sizes: dict[Any, Any]) -> Any:
     arrays = []
-    for marks in _annotated(State).values():
+    for marks in _annotated(record).values():
         shape = tuple(sizes.get(mark, mark) for mark in marks if mark is not np.int64)
         if np.int64 in marks:
             arrays.append(np.zeros(shape, dtype=np.int64))
-        elif marks[-1] == "B" and len(shape) == 2:
-            arrays.append(aligned(*shape))
         else:
-            arrays.append(np.zeros(shape))
-    state = State(*arrays)
-    state.bodies[QUATERNION.start] = state.ended[QUATERNION.start] = state.cells_m[:] = 1.0
-    state.boards[:] = state.targets[:] = np.inf
-    state.electrical[:] = np.nan
-    return state
+            arrays.append(aligned(*shape) if marks[1:] == ("B",) else np.zeros(shape))
+    return record._make(arrays)
+
+
+def each_array(function: Callable[..., np.ndarray], *states: State) -> State:
+    """Return the state whose arrays a function makes from those of one or more states."""
+    records = zip(*states, strict=True)
+    return State(*(type(parts[0])(*map(function, *parts)) for parts in records))
+
+
+def with_sight(state: State, sight: np.ndarray) -> State:
+    """Return a state whose cameras see other frames, (M, B, NOISE)."""
+    return state._replace(onboard=state.onboard._replace(sight=sight))
 
 
 def with_room(
@@ -211,13 +223,16 @@ def with_room(
         missing = np.full((rows, max(0, count - present), size), empty)
         return np.concatenate([array, missing], axis=1)
 
-    walls = enlarged(state.obstacles, obstacles)
+    walls = enlarged(state.floor.obstacles, obstacles)
+    may_touch = np.zeros((len(state.contacts.touched) * walls.shape[1], 2), dtype=np.int64)
     return state._replace(
-        obstacles=walls,
-        near_walls=np.zeros((state.bodies.shape[1] * walls.shape[1], 2), dtype=np.int64),
-        patches=enlarged(state.patches, patches),
-        forbidden=enlarged(state.forbidden, forbidden),
-        frames=enlarged(state.frames, frames, 0.0),
+        contacts=state.contacts._replace(walls=may_touch),
+        onboard=state.onboard._replace(frames=enlarged(state.onboard.frames, frames, 0.0)),
+        floor=state.floor._replace(
+            obstacles=walls,
+            patches=enlarged(state.floor.patches, patches),
+            forbidden=enlarged(state.floor.forbidden, forbidden),
+        ),
     )
 
 
@@ -240,8 +255,9 @@ def aligned(rows: int, columns: int) -> np.ndarray:
 
 def sizes_of(state: State) -> tuple[int, int, int]:
     """Return the numbers of motors, of feet and of elastic legs of a state's robots."""
-    feet = (state.statistics.shape[0] - NORMAL) // FOOT
-    return state.set_points.shape[0], feet, (state.bodies.shape[0] - legs_row(feet)) // OF_LEG
+    motors, bodies = state.motors.set_points.shape[0], state.bodies
+    feet = (bodies.statistics.shape[0] - NORMAL) // FOOT
+    return motors, feet, (bodies.motion.shape[0] - legs_row(feet)) // OF_LEG
 
 
 def _room(record: type[Any], rows: int, robots: int, *sizes_of_robot: int) -> Any:

@@ -9,13 +9,13 @@ does not move.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from cosim.base.jit import inlined
 from cosim.model.params import ShieldParams, SteeringParams
 from cosim.onboard.estimation import COVARIANCE, POSE
+from cosim.onboard.state import FAILURES, PARKED, REFERENCE, STOPS, Floor, Onboard
 from cosim.onboard.steering import (
     DIRECTION,
     GOAL_X,
@@ -30,69 +30,42 @@ from cosim.physics.collision import away_from
 from cosim.physics.neighbours import FOUND, HEAD, NEXT, Grid, find_near, list_by_cells
 from cosim.physics.trig import arctangent, sine_cosine
 
-# Layout of what the shield knows of one robot, float64.
-PARKED = 0  # 1.0: it has arrived, and does not retreat
-REFERENCE = 1  # room when its retreat began, without the error of estimates, m
-FAILURES = 2  # retreats given up since it had room
-STOPS = 3  # moves and retreats that the shield has ended
-SHIELD_SIZE = 4
-
 # Least side of the zones of a board, in each of which one robot retreats at a time: pairs far apart
 # do not wait for each other. The paper's board is one zone.
 ZONE_M = 0.45
 
 
-class Ground(NamedTuple):
-    """Places that robots may not go to; lengths in m, rectangles left, bottom, right, top."""
-
-    board: np.ndarray  # (2,) extent of the board
-    margin_m: float  # from its edge, within which feet would be beyond the floor
-    cell_m: float  # edge of a cell
-    obstacles: np.ndarray  # (M, 4) rectangles
-    forbidden: np.ndarray  # (B, F, 4) rectangles that each robot's centre may not enter
-    targets: np.ndarray  # (B, 4) rectangles that no robot's centre may enter but its owner's
-    owners: np.ndarray  # (B,) int64, columns of the owners
-
-
 @inlined
 def guard(
-    commands: np.ndarray,
-    estimates: np.ndarray,
-    shields: np.ndarray,
-    first: int,
+    onboard: Onboard,
+    floor: Floor,
+    episode: int,
     robots: int,
-    ground: Ground,
-    near_robots: np.ndarray,
-    near_targets: np.ndarray,
-    near_zone: np.ndarray,
     diameter_m: float,
     steering: SteeringParams,
     params: ShieldParams,
 ) -> None:
-    """Stop the robots of an episode that lack room, and let one of them in each zone retreat.
-
-    Args:
-        near_robots, near_targets, near_zone: (LISTS, B) int64, room for `cosim.physics.neighbours`.
-    """
+    """Stop the robots of an episode that lack room, and let one of them in each zone retreat."""
     reverses = steering.backward_speed_rad_s > 0.0
     # What is beyond the gap leaves more room than any robot is stopped for, see `stopping_gap`.
-    variance = 0.0
+    first, variance, estimates = episode * robots, 0.0, onboard.estimates
     for i in range(first, first + robots):
         variance = max(variance, variance_of(estimates[i]))
-    gap, board = stopping_gap(math.sqrt(2.0 * variance), params), ground.board
+    gap, board = stopping_gap(math.sqrt(2.0 * variance), params), floor.boards[episode]
     xs, ys, reach = estimates[:, POSE], estimates[:, POSE + 1], diameter_m + gap
-    others = list_by_cells(near_robots, xs, ys, first, robots, board, reach)
-    zones = list_by_cells(near_zone, xs, ys, first, robots, board, ZONE_M)
-    xs, ys, reach = ground.targets[:, 0], ground.targets[:, 1], 2.0 * ground.cell_m + gap
-    targets = list_by_cells(near_targets, xs, ys, first, robots, board, reach)
+    others = list_by_cells(onboard.near_robots, xs, ys, first, robots, board, reach)
+    zones = list_by_cells(onboard.near_zone, xs, ys, first, robots, board, ZONE_M)
+    cell_m, xs, ys = floor.cells_m[episode], floor.targets[:, 0], floor.targets[:, 1]
+    reach = 2.0 * cell_m + gap
+    targets = list_by_cells(onboard.near_targets, xs, ys, first, robots, board, reach)
     for zone in range(first, first + zones.columns * zones.rows):
         retreating, chosen, best, along, across = False, -1, -math.inf, 0.0, 0.0
-        following = near_zone[HEAD, zone]
+        following = onboard.near_zone[HEAD, zone]
         while following >= 0:
-            i, following = following, near_zone[NEXT, following]
-            command, shield = commands[i], shields[i]
+            i, following = following, onboard.near_zone[NEXT, following]
+            command, shield = onboard.commands[i], onboard.shields[i]
             room, deviation, away_x, away_y = _room(
-                estimates, i, ground, others, near_robots, targets, near_targets, diameter_m, params
+                onboard, floor, episode, i, others, targets, diameter_m, params
             )
             jitter = params.jitter * deviation
             # What a retreat is judged by: not less room because a robot that drives is less sure.
@@ -127,9 +100,9 @@ def guard(
         if chosen >= 0 and not retreating:
             sense = 1.0 if along >= 0.0 or not reverses else -1.0
             turned = 0.0 if reverses else _angle_of(along, across)
-            if reverses and shields[chosen, FAILURES] % 2.0 == 1.0:
+            if reverses and onboard.shields[chosen, FAILURES] % 2.0 == 1.0:
                 sense = -sense
-            _retreat(commands[chosen], estimates[chosen], turned, sense, params.retreat_m)
+            _retreat(onboard.commands[chosen], estimates[chosen], turned, sense, params.retreat_m)
 
 
 @inlined
@@ -182,42 +155,43 @@ def variance_of(estimate: np.ndarray) -> float:
 
 @inlined
 def _room(
-    estimates: np.ndarray,
+    onboard: Onboard,
+    floor: Floor,
+    episode: int,
     i: int,
-    ground: Ground,
     others: Grid,
-    near_robots: np.ndarray,
     targets: Grid,
-    near_targets: np.ndarray,
     diameter_m: float,
     params: ShieldParams,
 ) -> tuple[float, float, float, float]:
     """Return the least room of a robot and the standard deviation of it, in m, and the way out."""
+    estimates, board = onboard.estimates, floor.boards[episode]
     x, y, variance = estimates[i, POSE], estimates[i, POSE + 1], variance_of(estimates[i])
     deviation = math.sqrt(variance)
     alone = params.stopping_m + params.deviations * deviation
-    inside = alone + ground.margin_m
+    inside = alone + floor.margins_m[episode]
     least, away_x, away_y = x - inside, 1.0, 0.0
     for room, toward_x, toward_y in (
-        (ground.board[0] - x - inside, -1.0, 0.0),
+        (board[0] - x - inside, -1.0, 0.0),
         (y - inside, 0.0, 1.0),
-        (ground.board[1] - y - inside, 0.0, -1.0),
+        (board[1] - y - inside, 0.0, -1.0),
     ):
         if room < least:
             least, away_x, away_y = room, toward_x, toward_y
-    for rectangles, reach in ((ground.obstacles, 0.5 * diameter_m), (ground.forbidden[i], 0.0)):
+    obstacles, forbidden = floor.obstacles[episode], floor.forbidden[i]
+    for rectangles, reach in ((obstacles, 0.5 * diameter_m), (forbidden, 0.0)):
         for k in range(len(rectangles)):
             room, dx, dy = _room_of(rectangles[k], x, y, reach, alone)
             if room < least:
                 least, away_x, away_y = room, dx, dy
-    for k in range(targets.first, targets.first + find_near(near_targets, targets, x, y)):
-        target = near_targets[FOUND, k]
-        if ground.owners[target] != i:
-            room, dx, dy = _room_of(ground.targets[target], x, y, 0.0, alone)
+    for k in range(targets.first, targets.first + find_near(onboard.near_targets, targets, x, y)):
+        target = onboard.near_targets[FOUND, k]
+        if floor.owners[target] != i:
+            room, dx, dy = _room_of(floor.targets[target], x, y, 0.0, alone)
             if room < least:
                 least, away_x, away_y = room, dx, dy
-    for k in range(others.first, others.first + find_near(near_robots, others, x, y)):
-        j = near_robots[FOUND, k]
+    for k in range(others.first, others.first + find_near(onboard.near_robots, others, x, y)):
+        j = onboard.near_robots[FOUND, k]
         if j == i:
             continue
         dx, dy = x - estimates[j, POSE], y - estimates[j, POSE + 1]

@@ -27,12 +27,13 @@ from cosim.coupling.rl_step import SAMPLED, Step
 from cosim.coupling.signals import (
     RawSamples,
     Samples,
-    State,
     columns_of,
+    each_array,
     new_raw_samples,
     new_samples,
     new_state,
     with_room,
+    with_sight,
 )
 from cosim.fmi.motor import MotorFmu
 from cosim.fmi.motors import Motors
@@ -123,7 +124,7 @@ class Batch:
         self.plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
         self._sizes = config.robot.sizes
         self.state = new_state(places, robots, columns, *self._sizes)
-        self.state.properties[:] = robot_properties(config)[:, None]
+        self.state.bodies.properties[:] = robot_properties(config)[:, None]
         self.episodes: list[RunningEpisode | None] = [None] * places
 
     def begin(
@@ -171,36 +172,38 @@ class Batch:
             )
         columns = self._columns(place)
         state = self.state
-        rows = state.inputs, state.outputs, state.held, state.held_velocities, state.statistics
+        motors, bodies = state.motors, state.bodies
+        rows = motors.inputs, motors.outputs, motors.held, bodies.held_velocities, bodies.statistics
         for signals in rows:
             signals[:, columns] = 0.0  # nothing is left of the episode before
-        state.unsolved[columns] = 0.0
-        state.boards[place], state.cells_m[place] = scenario.size_m, scenario.cell_m
-        state.margins_m[place] = floor_margin(config.robot, config.world)
-        self._make_room(place, scenario, config)
+        bodies.unsolved[columns] = 0.0
+        self._lay_floor(place, scenario, config)
         phases = motor_phases(config.world, self.robots, len(config.robot.motors))
         episode = kind(scenario, config, self.state, columns, starts, seed, sampled)
         of_robots = range(columns.start, columns.stop)
         start = self._motors.restart(of_robots, episode.drawn.motors, phases)
-        state.outputs[: len(start), columns] = start
-        self.state.running[place] = 1
+        motors.outputs[: len(start), columns] = start
+        self.state.episodes.running[place] = 1
         self.episodes[place] = episode
         return episode
 
-    def _make_room(self, place: int, scenario: Scenario, config: CoSimConfig) -> None:
-        """Put the rectangles of an episode in place, and make room for frames of its camera."""
+    def _lay_floor(self, place: int, scenario: Scenario, config: CoSimConfig) -> None:
+        """Put an episode's board in place, and make room for frames of its camera."""
         walls, patches = scenario.walls * scenario.cell_m, floor_patches(scenario, config)
         closed, columns = scenario.closed * scenario.cell_m, self._columns(place)
         targets, owners = scenario.parking
         frames = frames_in_flight(config.world.camera)
         self.state = with_room(self.state, len(walls), len(patches), closed.shape[1], frames)
-        self.state.obstacles[place] = self.state.patches[place] = np.inf
-        self.state.obstacles[place, : len(walls)] = walls
-        self.state.forbidden[columns] = np.inf
-        self.state.forbidden[columns, : closed.shape[1]] = closed
-        self.state.targets[columns] = targets * scenario.cell_m
-        self.state.owners[columns] = columns.start + owners
-        self.state.patches[place, : len(patches)] = patches
+        floor = self.state.floor
+        floor.boards[place], floor.cells_m[place] = scenario.size_m, scenario.cell_m
+        floor.margins_m[place] = floor_margin(config.robot, config.world)
+        floor.obstacles[place] = floor.patches[place] = np.inf
+        floor.obstacles[place, : len(walls)] = walls
+        floor.forbidden[columns] = np.inf
+        floor.forbidden[columns, : closed.shape[1]] = closed
+        floor.targets[columns] = targets * scenario.cell_m
+        floor.owners[columns] = columns.start + owners
+        floor.patches[place, : len(patches)] = patches
 
     def advance(self, actions: Mapping[int, np.ndarray]) -> dict[int, Step]:
         """Simulate one RL step of all running episodes by (N,) actions; both by their places."""
@@ -209,7 +212,7 @@ class Batch:
             episode.begin_step(actions[place])
         for samples, raw in self.stretches():
             for place, episode in going_on.items():
-                if periods := int(self.state.periods[place]):
+                if periods := int(self.state.episodes.periods[place]):
                     episode.take(samples, raw, periods)
         steps = {place: episode.end_step() for place, episode in going_on.items()}
         for place, step in steps.items():
@@ -222,19 +225,19 @@ class Batch:
 
         Yields:
             Samples of all columns in a stretch of the step, written again in the next one. Each
-            episode did `state.periods` control periods of it. Many robots have several stretches.
+            episode did `state.episodes.periods` control periods of it. Many robots have several.
         """
         state, going_on = self.state, self.going_on()
         if not going_on:
             raise UserError("no episode is running in this batch, or it is closed; begin one first")
-        periods, columns = self.config.periods_per_step, state.bodies.shape[1]
+        periods, columns = self.config.periods_per_step, state.bodies.motion.shape[1]
         step_s = self.config.timing.rl_step_s
         frames = [frames_within(e.config.world.camera, step_s) for e in going_on.values()]
         sight = np.zeros((max(frames), columns, NOISE))
-        state.cameras[:, SIGHT] = 0.0
+        state.onboard.cameras[:, SIGHT] = 0.0
         for (place, episode), count in zip(going_on.items(), frames, strict=True):
             episode.draw_camera(sight[:count, self._columns(place)])
-        sighted = state._replace(sight=sight)
+        sighted = with_sight(state, sight)
         noise = np.zeros((periods, columns, self._sizes[0]))
         for place, episode in going_on.items():
             noise[:, self._columns(place)] = episode.noise.draw(periods)
@@ -245,7 +248,7 @@ class Batch:
         raw = new_raw_samples(ticks, columns, *self._sizes)
         begin_s = min(episode.time_s for episode in going_on.values())
         for begin in range(0, periods, stretch):
-            state.periods[:] = 0
+            state.episodes.periods[:] = 0
             part = noise[begin : begin + stretch]
             try:
                 self.driver.advance(self.plant, sighted, part, samples, raw)
@@ -260,7 +263,7 @@ class Batch:
                 raise error.locate(name, end_s, self.config.preset) from None
             yield samples, raw
             for place, episode in going_on.items():
-                episode.pass_periods(int(state.periods[place]))
+                episode.pass_periods(int(state.episodes.periods[place]))
             raw = RawSamples(*(signal[:0] for signal in raw))
 
     def going_on(self) -> dict[int, RunningEpisode]:
@@ -268,21 +271,21 @@ class Batch:
         return {
             place: episode
             for place, episode in enumerate(self.episodes)
-            if episode is not None and self.state.running[place]
+            if episode is not None and self.state.episodes.running[place]
         }
 
     def stop(self, place: int) -> None:
         """Stop an episode; its robots stand still from now on."""
         columns = self._columns(place)
-        self.state.running[place] = 0
-        self.state.ended[:, columns] = self.state.bodies[:, columns]
+        self.state.episodes.running[place] = 0
+        self.state.bodies.ended[:, columns] = self.state.bodies.motion[:, columns]
 
     def _columns(self, place: int) -> slice:
         return slice(place * self.robots, (place + 1) * self.robots)
 
     def compile(self) -> None:
         """Compile the kernels, or load them from the cache, by simulating nothing."""
-        columns = self.state.bodies.shape[1]
+        columns = self.state.bodies.motion.shape[1]
         noise = np.zeros((0, columns, self._sizes[0]))
         samples = new_samples(0, columns, *self._sizes)
         raw = new_raw_samples(0, columns, *self._sizes)
@@ -293,8 +296,7 @@ class Batch:
 
     def get_state(self) -> tuple[Any, ...]:
         """Return a copy of all that changes, for `set_state`; it can be pickled."""
-        state = State(*(array.copy() for array in self.state))
-        return state, _copies(self.episodes), self._motors.get_state()
+        return each_array(np.copy, self.state), _copies(self.episodes), self._motors.get_state()
 
     def set_state(self, saved: tuple[Any, ...]) -> None:
         """Go back to a state of this batch, or of one made with the same arguments.
@@ -307,10 +309,14 @@ class Batch:
                 f"a state of {len(episodes)} episodes does not fit {len(self.episodes)}; "
                 "restore it where as many run"
             )
-        pairs = zip(self.state, state, strict=True)
-        self.state = State(*(m if m.shape == its.shape else its.copy() for m, its in pairs))
-        for mine, its in zip(self.state, state, strict=True):
+
+        def taken(mine: np.ndarray, its: np.ndarray) -> np.ndarray:
+            if mine.shape != its.shape:
+                return its.copy()
             mine[:] = its
+            return mine
+
+        self.state = each_array(taken, self.state, state)
         self.episodes = _copies(episodes)
         for episode in self.episodes:
             if episode is not None:
@@ -325,7 +331,7 @@ class Batch:
 
     def close(self) -> None:
         """Free the FMU instances, and give up all episodes."""
-        self.state.running[:] = 0
+        self.state.episodes.running[:] = 0
         self._motors.close()
 
 
@@ -336,7 +342,7 @@ def _copies(episodes: list[RunningEpisode | None]) -> list[RunningEpisode | None
 
 
 def floor_patches(scenario: Scenario, config: CoSimConfig) -> np.ndarray:
-    """Return `State.patches` of an episode, shape (P, 5)."""
+    """Return `Floor.patches` of an episode, shape (P, 5)."""
     world = config.world
     patches: list[tuple[float, ...]] = []
     if world.edge:

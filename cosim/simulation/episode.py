@@ -23,7 +23,7 @@ from cosim.model.scenario import Cell, Scenario
 from cosim.onboard.camera import camera_of, draw_sight
 from cosim.onboard.estimation import POSE
 from cosim.onboard.features import DIRECTION_COUNT, Observation
-from cosim.onboard.shield import STOPS
+from cosim.onboard.state import STOPS
 from cosim.onboard.steering import THROUGH
 from cosim.physics.body_state import PLANE
 from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, draw_world, generator
@@ -62,23 +62,24 @@ class RunningEpisode:
         motors_each = motors_of(config.robot, config.motor)
         self.drawn = draw_world(config.world, motors_each, n, seed)
         down = gravity(config.world.floor_tilt_deg, self.drawn.tilt_direction_deg, config.motor.g)
-        state.properties[:, columns] = robot_properties(config)[:, None]
+        state.bodies.properties[:, columns] = robot_properties(config)[:, None]
         for column, motors in enumerate(self.drawn.motors, columns.start):
-            write_own(state.properties, column, down, np.array([(m.r, m.J) for m in motors]))
+            write_own(state.bodies.properties, column, down, np.array([(m.r, m.J) for m in motors]))
         self.rules = rules.rules_of(scenario, config)
         self.moves = rules.new_moves(np.array(scenario.targets))
         self._columns = columns
         self.bind(state)
-        state.cameras[columns] = camera_of(config.world.camera, config.timing.control_period_s)
-        state.estimates[columns] = state.commands[columns] = state.shields[columns] = 0.0
-        state.commands[columns, THROUGH] = config.through
+        onboard, period_s = state.onboard, config.timing.control_period_s
+        onboard.cameras[columns] = camera_of(config.world.camera, period_s)
+        onboard.estimates[columns] = onboard.commands[columns] = onboard.shields[columns] = 0.0
+        onboard.commands[columns, THROUGH] = config.through
         rules.put_down(self.rules, self._robots, self.moves, np.array(starts))
         self._detours = generator(seed, DETOUR_CHILD)
         self.noise = SpeedNoise(config, seed, n)
         self._cameras = [generator(seed, CAMERA_CHILD + robot) for robot in range(n)]
         self._step = 0
-        headings_rad = state.estimates[columns, POSE + 2].copy()
-        self.measures = Measures(self.positions_m, headings_rad, config.timing.control_period_s)
+        headings_rad = onboard.estimates[columns, POSE + 2].copy()
+        self.measures = Measures(self.positions_m, headings_rad, period_s)
         self.outcome = Outcome.RUNNING
         self.observation = self._observation()
 
@@ -86,7 +87,7 @@ class RunningEpisode:
         """Take the episode's columns of a co-simulation's state for its own."""
         self._robots = rules.robots_of(state, self._columns.start)
         motors = len(self.config.robot.motors)
-        self._speeds = state.outputs[motors : 2 * motors, self._columns].T
+        self._speeds = state.motors.outputs[motors : 2 * motors, self._columns].T
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the columns, which `bind` gives to a copy."""

@@ -19,7 +19,8 @@ from cosim.model.scenario import Scenario
 from cosim.onboard.estimation import POSE
 from cosim.onboard.features import DIRECTION_COUNT, DIRECTIONS, Observation
 from cosim.onboard.observing import Area, area_of, cell_of, observe
-from cosim.onboard.shield import PARKED, plan_margin
+from cosim.onboard.shield import plan_margin
+from cosim.onboard.state import PARKED
 from cosim.onboard.steering import DIRECTION, DRIVE, GOAL_X, HOLD, MODE, PAST, START, waits
 from cosim.onboard.yielding import DETOUR_DRAWS, WAIT, Board, board_of, give_way
 from cosim.physics.body_state import X, Y, stand
@@ -41,7 +42,7 @@ class Rules(NamedTuple):
 
 
 class Robots(NamedTuple):
-    """Arrays of a `State` by the same names; those alone, because more take long to compile."""
+    """Some arrays of a `State`; those alone, because more take long to compile."""
 
     first: int  # column of the episode
     bodies: np.ndarray
@@ -84,7 +85,15 @@ def rules_of(scenario: Scenario, config: CoSimConfig) -> Rules:
 
 def robots_of(state: State, first: int) -> Robots:
     """Return the arrays of a state that an episode reads and writes, from its first column."""
-    return Robots(first, *(getattr(state, name) for name in Robots._fields[1:]))
+    onboard = state.onboard
+    return Robots(
+        first,
+        state.bodies.motion,
+        onboard.estimates,
+        onboard.commands,
+        onboard.shields,
+        state.episodes.events,
+    )
 
 
 def new_moves(targets: np.ndarray) -> Moves:

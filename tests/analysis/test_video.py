@@ -1,6 +1,7 @@
 """A video's frames: numbers of robots, and the outcome when it has happened."""
 
 import contextlib
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,17 +26,19 @@ class Frames:
         """Take what the figure has."""
         self.titles.append(self.axes.get_title("left").split(maxsplit=2))
         self.texts.append([(t.get_text(), *t.get_position()) for t in self.axes.texts])
+        self.lines = [line.get_xydata() for line in self.axes.lines]
 
 
 def driven(scenario: str, time_s: float) -> Any:
-    """Return an episode in which robots stand on their first start cells."""
+    """Return an episode on a high board: robots stand on their first start cells, at 2 rad."""
     board = find_scenario(scenario)
+    board = replace(board, rows=board.rows + 4)
     robots = [f"r{number + 1}" for number in range(board.robots)]
     times, signals = np.array([0.0, time_s]), {}
     for robot, starts in zip(robots, board.starts, strict=True):
         at = board.cell_m * (np.array(starts[0]) + 0.5)
         signals[f"{robot}/position"] = Signal(times, np.tile(at, (2, 1)), ("x", "y"), "m")
-        signals[f"{robot}/heading"] = Signal(times, np.zeros(2), ("",), "rad")
+        signals[f"{robot}/heading"] = Signal(times, np.full(2, 2.0), ("",), "rad")
     return SimpleNamespace(
         scenario=board, robots=robots, signals=signals, time_s=time_s, outcome="timeout",
         origin="", parameter=lambda _: 0.05,
@@ -51,6 +54,10 @@ def test_the_last_frame_alone_is_the_end_and_says_how(monkeypatch, tmp_path, spe
     times = [float(words[0]) for words in frames.titles]
     assert (times[0], times[-1]) == (0.0, 4.0)
     assert {text for text, *_ in frames.texts[-1]} == {""}  # a robot alone needs no number
+    assert frames.axes.get_xlim() == pytest.approx((-2.5, 32.5))
+    assert frames.axes.get_ylim() == pytest.approx((-2.5, 36.5))
+    nose, _ = frames.lines
+    assert np.diff(nose, axis=0)[0] == pytest.approx((2.5 * np.cos(2.0), 2.5 * np.sin(2.0)))
 
 
 def test_more_robots_than_colours_have_numbers_and_so_have_their_targets(monkeypatch, tmp_path):

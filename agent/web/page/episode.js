@@ -17,7 +17,7 @@ class Episode {
   begin({ seed, mu, noise, shielded }) {
     const { facts, machine } = this;
     machine.reset();
-    for (const place of facts.friction) this.values("state.properties")[place] = mu;
+    for (const place of facts.friction) this.values("state.bodies.properties")[place] = mu;
     machine.set("amplitude", noise);
     machine.set("plant.shielded", facts.shielded && shielded);
     facts.keys.forEach((keys, k) => {
@@ -91,7 +91,7 @@ class Episode {
     this.machine.call("decide");
     this.outcome = this.machine.call("step");
     if (this.outcome < 0) throw new Error("the motors failed, or a body is nowhere");
-    const { frame_periods, ticks, dt_s } = this.facts, frames = [], count = Number(this.values("state.periods")[0]);
+    const { frame_periods, ticks, dt_s } = this.facts, frames = [], count = Number(this.values("state.episodes.periods")[0]);
     for (let row = 0; row < count; row++) {
       this.time = ++this.periods * ticks * dt_s;
       if (this.periods % frame_periods && row < count - 1) continue;
@@ -123,7 +123,7 @@ class Episode {
   }
 
   // Rows of a robot in the state of the bodies, or in another array with a column for each.
-  body(robot, first, count, name = "state.bodies") {
+  body(robot, first, count, name = "state.bodies.motion") {
     const { values, shape } = this.machine.array(name);
     return Array.from({ length: count }, (_, k) => values[(first + k) * shape[1] + robot]);
   }
@@ -139,14 +139,14 @@ class Episode {
     const { motors, feet } = this.facts, zeros = (count) => Array(count).fill(0);
     const signals = { omega: zeros(motors), voltage: zeros(motors), force: zeros(feet), bent: zeros(3 * feet), moving: false };
     const robots = this.robots.map((robot) => {
-      const theta = this.body(robot, 0, motors, "state.outputs");
+      const theta = this.body(robot, 0, motors, "state.motors.outputs");
       return this.shown(robot, this.body(robot, 0, 3), this.body(robot, 3, 4), { theta, ...signals });
     });
     return this.ended([{ time: this.time, robots }]);
   }
 
   shown(robot, [x, y], [w, i, j, k], more) {
-    const { values, shape: [, size] } = this.machine.array("state.commands"), at = size * robot;
+    const { values, shape: [, size] } = this.machine.array("state.onboard.commands"), at = size * robot;
     const heading = Math.atan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k));
     return { x, y, heading, goal: [...values.subarray(at, at + 2)], path: this.paths[robot], ...more };
   }
@@ -163,7 +163,7 @@ class Episode {
 
   // Where the floor falls, as an angle from +x; null on a level one.
   downhill() {
-    const [x, y] = this.body(0, this.facts.gravity, 2, "state.properties");
+    const [x, y] = this.body(0, this.facts.gravity, 2, "state.bodies.properties");
     return x || y ? Math.atan2(y, x) : null;
   }
 }

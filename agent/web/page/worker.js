@@ -34,7 +34,7 @@ const actions = {
     const positions = [], began = performance.now();
     while (!episode.outcome) {
       episode.step();
-      const last = Number(episode.values("state.periods")[0]) - 1;
+      const last = Number(episode.values("state.episodes.periods")[0]) - 1;
       positions.push(episode.robots.map((robot) => episode.sample("position", robot, last)));
     }
     const { outcome, time, paths, machine } = episode, memory = machine.exports.memory.buffer.byteLength;

@@ -19,7 +19,7 @@ from cosim.base.jit import inlined, kernel
 from cosim.calibration.trial import Trial
 from cosim.coupling.assembly import new_plant
 from cosim.coupling.plant import Plant, step_robots
-from cosim.coupling.signals import State, columns_of, new_state
+from cosim.coupling.signals import MotorSignals, State, columns_of, new_state
 from cosim.fmi.motor import MotorFmu
 from cosim.machine.identification.track import SeenTrack
 from cosim.model.config import CoSimConfig, not_calibrated, tree_of
@@ -293,12 +293,12 @@ def tracks(
     turning = np.empty((len(omega), len(motors), columns))
     turning[:] = (own := omega.reshape(*omega.shape[:2], -1))[:, :, :1]
     turning[:, :, : len(machines)] = own
-    state.outputs[len(motors) : 2 * len(motors)] = turning[0]
+    state.motors.outputs[len(motors) : 2 * len(motors)] = turning[0]
     for column in range(columns):
         one = machines[column if column < len(machines) else 0]
         params = body_params(one.robot, one.motors[0], dt_s, world=world)
-        state.properties[:, column] = properties_of(params, motor_mounts(*one))
-        state.bodies[:, column] = standing_state(one.robot, 0.0, 0.0, 0.0)
+        state.bodies.properties[:, column] = properties_of(params, motor_mounts(*one))
+        state.bodies.motion[:, column] = standing_state(one.robot, 0.0, 0.0, 0.0)
     seen = np.zeros((1 + (len(omega) - 1) // every, columns, 3))
     _drive(plant, state, turning, seen, every, width_of(lanes))
     seen = seen[:, : len(machines)]
@@ -316,26 +316,28 @@ def _drive(
         omega: (P + 1, M, B), see `tracks`.
         seen: (P // every + 1, B, 3), overwritten from the second row on.
     """
-    for first in range(0, state.bodies.shape[1], len(width)):
+    for first in range(0, state.bodies.motion.shape[1], len(width)):
         for period in range(omega.shape[0] - 1):
             for column in range(first, first + len(width)):
                 for motor in range(omega.shape[1]):
                     start, end = omega[period, motor, column], omega[period + 1, motor, column]
-                    _turn(plant, state, motor, column, start, end)
+                    _turn(plant, state.motors, motor, column, start, end)
             for tick in range(plant.ticks_per_step):
                 step_robots(plant, state, first, tick, width)
             for column in range(first, first + len(width)):
                 if (period + 1) % every == 0:
                     row = (period + 1) // every
-                    _observe(state.bodies[:, column], seen[row, column], seen[row - 1, column])
+                    body = state.bodies.motion[:, column]
+                    _observe(body, seen[row, column], seen[row - 1, column])
 
 
 @inlined
-def _turn(plant: Plant, state: State, motor: int, column: int, start: float, end: float) -> None:
+def _turn(
+    plant: Plant, signals: MotorSignals, motor: int, column: int, start: float, end: float
+) -> None:
     """Turn a motor by a communication step in which its speed changes evenly, as an FMU would."""
-    step_s, motors, held, outputs = (
-        plant.ticks_per_step * plant.body.dt, len(plant.mounts), state.held, state.outputs,
-    )  # fmt: skip
+    step_s, motors = plant.ticks_per_step * plant.body.dt, len(plant.mounts)
+    held, outputs = signals.held, signals.outputs
     theta, speed, rate = motor, motors + motor, 2 * motors + motor
     held[theta, column], held[speed, column] = outputs[theta, column], start
     outputs[theta, column] += 0.5 * step_s * (start + end)

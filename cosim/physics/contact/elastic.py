@@ -92,18 +92,27 @@ def stiffness(leg: Leg) -> np.ndarray:
     return leg.bending_n_m * np.eye(3) + (leg.axial_n_m - leg.bending_n_m) * along
 
 
-def fastest_rad_s(robot: RobotParams, mass: Mass) -> float:
-    """Angular frequency of the fastest oscillation of a body on its legs, tips held."""
+def modes_rad_s(robot: RobotParams, mass: Mass) -> np.ndarray:
+    """Angular frequencies of a body on its legs, tips held, (6,) or fewer, slowest first."""
     operator = delassus(robot, mass)
     for k, foot in enumerate(robot.feet):
         columns = slice(3 * k, 3 * k + 3)
         operator[:, columns] = operator[:, columns] @ stiffness(foot.leg) if foot.leg else 0.0
-    return math.sqrt(np.abs(np.linalg.eigvals(operator)).max())
+    squares = np.sort(np.abs(np.linalg.eigvals(operator)))
+    return np.sqrt(squares[-6:])
+
+
+def settling_s(robot: RobotParams, mass: Mass) -> float:
+    """Time in which every oscillation of a body on its legs falls to a thousandth."""
+    modes = modes_rad_s(robot, mass)
+    zeta = 0.5 * modes * min(foot.leg.relaxation_s for foot in robot.feet if foot.leg)
+    rates = modes * (zeta - np.sqrt(np.maximum(zeta * zeta - 1.0, 0.0)))
+    return math.log(1e3) / float(rates.min())
 
 
 def _require_stable(robot: RobotParams, mass: Mass, dt_s: float) -> None:
     """Refuse a time step that is too long: ω dt < 2 (√(1 + ζ²) − ζ) of the fastest oscillation."""
-    omega = fastest_rad_s(robot, mass)
+    omega = float(modes_rad_s(robot, mass)[-1])
     zeta = 0.5 * omega * max(foot.leg.relaxation_s for foot in robot.feet if foot.leg)
     longest_s = 2.0 * (math.sqrt(1.0 + zeta * zeta) - zeta) / omega
     if dt_s >= longest_s:

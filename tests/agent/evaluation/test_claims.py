@@ -7,11 +7,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from agent.evaluation.cases import Case
+from agent.evaluation.cases import Case, Job
 from agent.evaluation.claims import Claim, JudgedClaim, claim_of
 from agent.study.engine import Line, measure
 from agent.study.report import Report
-from agent.study.store import EpisodeStore
+from agent.study.store import EpisodeStore, simulate_missing
 from agent.study.user import evaluate, study
 from cosim.base.errors import UserError
 from cosim.base.jobs import Workers
@@ -105,7 +105,7 @@ class Faked:
         self.failing, self.together = failing, together
         self.simulated: list[int] = []
 
-    def compute(self, jobs, threads, may_begin):
+    def compute(self, jobs, threads, may_begin=lambda: True):
         """The last episodes of a group end first."""
         for first in range(0, len(jobs), self.together):
             if not may_begin():
@@ -134,6 +134,18 @@ def test_a_verdict_depends_on_no_order_and_no_interruption(case, tmp_path, monke
         assert line.claim.judge(line.results(again).values()) == expected
         assert list(line.results(again)) == line.indices[: expected.episodes]
         assert len(fake.simulated) == len(set(fake.simulated)) < expected.episodes + together
+
+
+def test_results_of_other_processes_are_those_of_their_jobs(case, tmp_path, monkeypatch):
+    """Also where the episodes of a group end in another order."""
+    fake = Faked({2, 3, 9}, 5)
+    monkeypatch.setattr("agent.study.store.run_jobs", fake.compute)
+    here: Any = lambda work, groups, *_: enumerate(map(work, groups))  # noqa: E731
+    monkeypatch.setattr("cosim.base.backends.sweep", here)
+    store, where = EpisodeStore(tmp_path), Workers(jobs=1, backend="loky")
+    found = dict(simulate_missing([Job(case, k) for k in range(12)], store, where=where))
+    assert {job.index for job, result in found.items() if result == TIMEOUT} == {2, 3, 9}
+    assert len(found) == 12
 
 
 def test_a_refused_claim_ends_early(near_policy, case, tmp_path):

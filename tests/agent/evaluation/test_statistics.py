@@ -79,6 +79,7 @@ def test_what_is_paired_is_tested_as_paired():
     difference = paired_difference(*pairs)
     assert difference.mean == pytest.approx(0.4)
     assert not within(0.15, difference)
+    assert paired_difference(first[None], first[None]) == (0.0, 0.0, 0.0)  # the same starts
     assert paired_test(first, second) == pytest.approx(2.0 * 0.5**8)
     assert paired_test(second, first) == paired_test(first, second)
     assert paired_test(first, first) == 1.0

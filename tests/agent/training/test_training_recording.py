@@ -65,6 +65,23 @@ def test_maps_are_those_of_the_tables_at_their_time(trained, recordings):
         assert len({bytes(np.concatenate(image)) for image in images}) == len(images)
 
 
+def test_arrows_point_where_robots_go_in_pictures_with_y_downwards(trained, recordings):
+    policy, _ = trained[0]
+    maps = policy.maps()[1]
+    cells = np.argwhere(maps.visits > 0)
+    angles = 0.25 * np.pi * maps.action[maps.visits > 0]
+    found = [
+        columns(recordings / "one.rrd", "/q/r2/policy", f"Arrows2D:{name}")[1][-1]
+        for name in ("vectors", "origins")
+    ]
+    vectors, origins = map(np.array, found)
+    lengths = np.linalg.norm(vectors, axis=1)
+    along = np.column_stack([np.cos(angles), -np.sin(angles)])
+    assert vectors == pytest.approx(lengths[:, None] * along, abs=1e-6)
+    middle = np.column_stack([cells[:, 0] + 0.5, maps.visits.shape[1] - cells[:, 1] - 0.5])
+    assert origins + 0.5 * vectors == pytest.approx(middle, abs=1e-5)
+
+
 def test_maps_have_a_colour_bar_with_its_ends(trained, recordings):
     policy, _ = trained[0]
     value, _, visits = policy.maps()[1]

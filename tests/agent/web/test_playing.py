@@ -59,7 +59,7 @@ def uniform_numbers(play):
 
 def begin_at(play, starts):
     """Start an episode in a world that is drawn again."""
-    drawn = play.state.properties[:, : len(starts)]
+    drawn = play.state.bodies.properties[:, : len(starts)]
     drawn[GRAVITY : GRAVITY + 3] = drawn[-4:] = np.nan
     generator(SEED, WORLD_CHILD).random(out=play.varied.draws)
     play.cells[:] = starts
@@ -88,7 +88,7 @@ def test_kernels_alone_play_the_episode_of_a_batch(motor_fmu, straight_policy, s
     other = others.begin(0, scenario, elsewhere, SEED)  # motors with the same parameters
     play = new_play(others, other)
     begin_at(play, starts)
-    assert np.array_equal(others.state.properties, batch.state.properties)
+    assert np.array_equal(others.state.bodies.properties, batch.state.bodies.properties)
     for robot, motors in enumerate(episode.drawn.motors):
         own = [(motor.K_T, motor.R, motor.J, motor.r) for motor in motors]
         assert play.varied.own[:, :, robot].T.tolist() == [list(values) for values in own]
@@ -97,7 +97,7 @@ def test_kernels_alone_play_the_episode_of_a_batch(motor_fmu, straight_policy, s
         directions = policy.act(episode.observation)
         step = batch.advance({0: directions})[0]
         play.wanted[:] = directions
-        outcome, periods = BY_RANK[playing.step(play)], int(play.state.periods[0])
+        outcome, periods = BY_RANK[playing.step(play)], int(play.state.episodes.periods[0])
         for signal, mine in zip(step.samples, play.samples, strict=True):
             part = np.ascontiguousarray(mine[:periods, : scenario.robots])
             assert part.tobytes() == np.ascontiguousarray(signal).tobytes()

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.container import ErrorbarContainer
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Circle, Rectangle
 
 from agent.evaluation.statistics import summarise
 from agent.training.loop import TrainingLog
@@ -200,6 +200,12 @@ def test_paths_of_one_robot():
         np.testing.assert_array_equal(line.get_xydata(), 100.0 * position)
         assert (line.get_linestyle(), line.get_color()) == (style, robot_colour(0))
         np.testing.assert_array_equal(marks.get_xydata(), 100.0 * position[[10, 20]])
+    rims = iter(patch for patch in axes.patches if isinstance(patch, Circle))
+    assert [(rim.center, rim.get_alpha()) for rim in rims] == [
+        (tuple(100.0 * each.positions_m[0][at]), alpha)
+        for each in tracks
+        for at, alpha in ((0, 0.35), (-1, 0.8))  # fainter at the start, as the key says
+    ]
 
 
 def test_paths_and_distances_of_pairs():

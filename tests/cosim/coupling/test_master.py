@@ -3,6 +3,7 @@
 import math
 import signal
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -40,9 +41,9 @@ def new_motors(motor_fmu, columns, *, sampled, ticks_per_step):
 
 
 def put_down(state, column, x, heading):
-    state.bodies[:, column] = standing_state(TABLE_I, x, 0.15, heading)
-    state.properties[:] = robot_properties(CoSimConfig())[:, None]
-    state.commands[column, :6] = (x + 0.1, 0.15, 0.0, START, 1.0, 0.0)
+    state.bodies.motion[:, column] = standing_state(TABLE_I, x, 0.15, heading)
+    state.bodies.properties[:] = robot_properties(CoSimConfig())[:, None]
+    state.onboard.commands[column, :6] = (x + 0.1, 0.15, 0.0, START, 1.0, 0.0)
 
 
 def advance(
@@ -72,21 +73,21 @@ def advance(
     state = new_state(1, ROBOTS, columns)
     if obstacles is not None:
         state = with_room(state, len(obstacles), 0)
-        state.obstacles[0] = obstacles
+        state.floor.obstacles[0] = obstacles
     if forbidden is not None:
         state = with_room(state, 0, 0, 1)
-        state.forbidden[:] = np.inf
-        state.forbidden[0, 0] = forbidden
-    state.boards[0] = board_x, 0.3
-    state.running[0] = 1
+        state.floor.forbidden[:] = np.inf
+        state.floor.forbidden[0, 0] = forbidden
+    state.floor.boards[0] = board_x, 0.3
+    state.episodes.running[0] = 1
     for robot in range(ROBOTS):
         put_down(state, robot, 0.05 + gap_m * robot, heading)
     if head_on:
-        state.commands[1, [GOAL_X, DIRECTION]] = 0.0, math.pi
+        state.onboard.commands[1, [GOAL_X, DIRECTION]] = 0.0, math.pi
     if straight:
         speed = STEERING.forward_speed_rad_s
-        state.commands[:, MODE] = DIRECT
-        state.commands[:, [OMEGA_D, OMEGA_E]] = -speed, speed
+        state.onboard.commands[:, MODE] = DIRECT
+        state.onboard.commands[:, [OMEGA_D, OMEGA_E]] = -speed, speed
     speeds = np.zeros((periods, columns, 2))
     generator = np.random.default_rng(0)
     speeds[:, :ROBOTS] = generator.uniform(-noise, noise, (periods, ROBOTS, 2))
@@ -97,10 +98,10 @@ def advance(
     chosen = kinds.get(driver, CompiledDriver)(motors, lanes)
     chosen.advance(plant_with(**changes), state, speeds, samples, raw)
     motors.close()
-    done = int(state.periods[0])
+    done = int(state.episodes.periods[0])
     ticks = min(1000, 100 * done)
     return (
-        (done, int(state.events[:ROBOTS].max())),
+        (done, int(state.episodes.events[:ROBOTS].max())),
         visible(state),
         type(samples)(*(signal[:done, :ROBOTS] for signal in samples)),
         type(raw)(*(signal[:ticks, :ROBOTS] for signal in raw)),
@@ -109,10 +110,13 @@ def advance(
 
 def visible(state):
     """What is of the robots in a state, by name; columns first."""
-    by_column = ("commands", "touching", "events")
-    by_row = ("bodies", "inputs", "outputs", "electrical", "statistics")
-    found = {name: getattr(state, name)[:ROBOTS] for name in by_column}
-    return found | {name: getattr(state, name)[:, :ROBOTS].T for name in by_row}
+    by_column = "onboard.commands", "contacts.touching", "episodes.events"
+    by_row = (
+        *("bodies.motion", "bodies.statistics"),
+        *("motors.inputs", "motors.outputs", "motors.electrical"),
+    )
+    found = {name: attrgetter(name)(state)[:ROBOTS] for name in by_column}
+    return found | {name: attrgetter(name)(state)[:, :ROBOTS].T for name in by_row}
 
 
 def same(first, second):
@@ -159,7 +163,7 @@ def test_collisions_end_the_advance_and_leaving_the_board_outranks_them(array_fm
     assert advance(array_fmu, driver, gap_m=0.0499)[0] == (1, COLLISION)
     progress, state, *_ = advance(array_fmu, driver, gap_m=0.0499, board_x=0.07)
     assert progress == (1, OUT_OF_BOARD)
-    assert state["events"].tolist() == [COLLISION, OUT_OF_BOARD]
+    assert state["episodes.events"].tolist() == [COLLISION, OUT_OF_BOARD]
 
 
 @pytest.mark.parametrize("driver", [2, "reference"])
@@ -167,7 +171,7 @@ def test_an_obstacle_ends_the_advance_of_the_robot_that_touches_it(motor_fmu, dr
     obstacles = np.array([[0.0, 0.0, 0.3, 0.1], [0.17499, 0.1, 0.2, 0.2]])
     progress, state, samples, _ = advance(motor_fmu, driver, obstacles=obstacles)
     assert progress == (1, COLLISION)
-    assert state["events"].tolist() == [RUNNING, COLLISION]
+    assert state["episodes.events"].tolist() == [RUNNING, COLLISION]
     assert samples.touching_share[0, 0] == 0.0 < samples.touching_share[0, 1] <= 1.0
     obstacles[1, 0] += 2e-4
     assert advance(motor_fmu, driver, obstacles=obstacles, periods=1)[0] == (1, RUNNING)
@@ -202,7 +206,7 @@ def test_a_centre_where_it_is_forbidden_ends_the_episode_in_every_driver(motor_f
     assert all(same(result, results[0]) for result in results[1:])
     (done, event), state, samples, _ = results[0]
     assert event == COLLISION
-    assert state["events"].tolist() == [COLLISION, RUNNING]  # the other one is not to blame
+    assert state["episodes.events"].tolist() == [COLLISION, RUNNING]  # not the other
     assert 1 < done < 60
     assert samples.position[-2, 0, 0] < ahead[0] <= samples.position[-1, 0, 0]
     on = advance(motor_fmu, 2, forbidden=ahead, end_on_collision=False, **straight)
@@ -224,7 +228,7 @@ def test_fmpy_names_a_failing_fmu_with_its_time(array_fmu):
     motors.restart(range(2), ((parameters, TABLE_II),) * 2)
     state = new_state(1, 1, 2)
     put_down(state, 0, 0.05, 0.0)
-    state.running[0] = 1
+    state.episodes.running[0] = 1
     samples, raw, noise = new_samples(3, 2), new_raw_samples(0, 2), np.full((3, 2, 2), 1e3)
     driver = FmpyDriver(motors, 2)
     with pytest.raises(FmuError, match=r"motors, at 0\.00000 s failed .*: .*J of motor 1 cannot"):
@@ -298,9 +302,9 @@ def test_foreign_fmu_gives_the_same_bits(motor_fmu, edited_fmu):
 def test_reaction_of_the_body_is_small(motor_fmu):
     """The paper neglects it; see docs/physics.md for its size."""
     without, with_it = (advance(motor_fmu, 2, noise=0.0, reaction=on) for on in (False, True))
-    torque = with_it[1]["inputs"][:, 4:]
+    torque = with_it[1]["motors.inputs"][:, 4:]
     assert np.abs(torque).max() > 0.0
-    assert without[1]["inputs"][:, 4:].max() == 0.0
+    assert without[1]["motors.inputs"][:, 4:].max() == 0.0
     change = np.abs(with_it[2].omega[-50:] - without[2].omega[-50:]).max()
     assert 0.01 < change < 20.0
 
@@ -312,4 +316,4 @@ def test_touching_robots_push_each_other_on(motor_fmu):
     assert samples.touching_share.max() > 0.0
     distance = np.linalg.norm(samples.position[:, 0, :2] - samples.position[:, 1, :2], axis=1)
     assert distance.min() > TABLE_I.diameter_m - 1e-7  # rigid
-    assert np.isfinite(state["bodies"]).all()
+    assert np.isfinite(state["bodies.motion"]).all()

@@ -7,18 +7,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from cosim.coupling.signals import new_state
 from cosim.model.params import SHIELD, STEERING, TABLE_I
 from cosim.onboard.estimation import COVARIANCE, ESTIMATE_SIZE, POSE
 from cosim.onboard.shield import (
-    FAILURES,
-    PARKED,
-    SHIELD_SIZE,
-    STOPS,
     ZONE_M,
-    Ground,
     guard,
     plan_margin,
 )
+from cosim.onboard.state import FAILURES, PARKED, SHIELD_SIZE, STOPS
 from cosim.onboard.steering import (
     COMMAND_SIZE,
     COURSE,
@@ -32,7 +29,6 @@ from cosim.onboard.steering import (
     YAW_RATE,
     steer,
 )
-from cosim.physics.neighbours import LISTS
 
 BOARD = np.array([0.3, 0.3])
 DIAMETER_M = TABLE_I.diameter_m
@@ -63,13 +59,20 @@ class Robots:
         return self.estimates[:, POSE : POSE + 2]
 
     def guarded(self, steering=STEERING, shield=SHIELD):
-        state, n = (self.commands, self.estimates, self.shields), len(self.commands)
-        allowed = (self.obstacles, self.forbidden, self.targets, self.owners)
-        lists, ground = (
-            np.zeros((3, LISTS, n), dtype=np.int64),
-            Ground(self.board, self.margin_m, 0.01, *allowed),
+        n, state = len(self.commands), new_state(1, len(self.commands), len(self.commands))
+        onboard = state.onboard._replace(
+            commands=self.commands, estimates=self.estimates, shields=self.shields
         )
-        guard(*state, 0, n, ground, lists[0], lists[1], lists[2], DIAMETER_M, steering, shield)
+        floor = state.floor._replace(
+            boards=self.board[None],
+            margins_m=np.array([self.margin_m]),
+            cells_m=np.array([0.01]),
+            obstacles=self.obstacles[None],
+            forbidden=self.forbidden,
+            targets=self.targets,
+            owners=self.owners,
+        )
+        guard(onboard, floor, 0, n, DIAMETER_M, steering, shield)
         return self
 
 

@@ -278,7 +278,7 @@ def test_robots_touch_within_a_long_control_period(motor_fmu):
     scenario = Scenario("ice", "", ((0, 0), (29, 29)), tuple((cell,) for cell in starts))
     system = CoSimulation(scenario, motor_fmu, config)
     system.reset(starts, 0)
-    system.state.bodies[V_X, 0] = 0.9
+    system.state.bodies.motion[V_X, 0] = 0.9
     step = system.step(np.array([0, 0]))
     apart = np.diff(step.raw.position[:, :, 0], axis=1)
     assert apart.min() > config.robot.diameter_m - 1e-6

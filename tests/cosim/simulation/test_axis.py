@@ -58,7 +58,7 @@ def slides(
     system.reset()
     expected = 0.01 * (np.array(starts) + 0.5)
     assert system.episode.positions_m.tolist() == expected.tolist()
-    system.state.bodies[V_X, 0], system.state.bodies[W_Z, 0] = FAST, SPIN
+    system.state.bodies.motion[V_X, 0], system.state.bodies.motion[W_Z, 0] = FAST, SPIN
     step = system.step(np.zeros(len(starts), dtype=np.int64))
     system.close()
     centre = centres_of_mass(step, mass_of(config.robot, world).centre)

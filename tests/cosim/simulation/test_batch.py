@@ -85,7 +85,7 @@ def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, requ
                 held[place] = 3
                 begin(place, 3)
     last = found[2][-1].samples.position[-1]
-    assert np.array_equal(batch.state.bodies[:3, 4:6].T, last)  # nothing moves after its end
+    assert np.array_equal(batch.state.bodies.motion[:3, 4:6].T, last)  # nothing moves after its end
     batch.close()
     outcomes = [found[number][-1].outcome for number in range(4)]
     assert outcomes == ["", "out_of_board", "collision", ""]
@@ -293,7 +293,7 @@ def test_an_error_of_an_idle_lane_says_whose_it_is(lane, array_fmu):
     """One of a place without an episode, and one that only fills the vector."""
     batch = Batch(array_fmu, CoSimConfig(), 1, 3)
     batch.begin(0, ONE, ((15, 15),), np.random.SeedSequence(3))
-    batch.state.bodies[0, lane] = np.nan
+    batch.state.bodies.motion[0, lane] = np.nan
     with pytest.raises(NotFiniteError, match=r"robot 1 .* nan at"):
         batch.advance({0: np.array([NORTH])})
     batch.close()

@@ -77,7 +77,7 @@ def test_robots_drive_through_centres_and_stop_at_their_targets(motor_fmu, strai
         first, last = np.flatnonzero(modes[:, robot] == DRIVE)[[0, -1]]
         assert not (modes[first:last, robot] == HOLD).any()
     assert (modes[-1] == PAST).any()
-    assert (system.state.commands[:, MODE] == HOLD).all()
+    assert (system.state.onboard.commands[:, MODE] == HOLD).all()
 
 
 def test_action_stays_in_force_until_the_centre(short):
@@ -136,7 +136,7 @@ def test_limits_hold_to_the_tick_whenever_a_move_began():
     config = CoSimConfig(timing=TIMING._replace(episode_limit_s=1e3))
     episode = RunningEpisode(SHORT, config, state, slice(0, 2), starts, np.random.SeedSequence(0))
     for began in range(0, 300 * 200_000, 200_000):
-        state.commands[:, MODE] = HOLD
+        state.onboard.commands[:, MODE] = HOLD
         for later, decides in ((0, True), (3_999_999, False), (4_000_000, True)):
             episode.moves.counts[TICK] = began + later
             conclude(episode.rules, robots_of(state, 0), episode.moves, driven=False)
@@ -177,7 +177,7 @@ def test_observation_has_the_targets(motor_fmu):
     for array in observation:
         array[:] = 0  # a policy's own copy
     assert system.step(np.array([SOUTH, NORTH])).after.targets.tolist() == [[15, 27], [15, 2]]
-    goals = system.state.commands[:, GOAL_X : GOAL_Y + 1]
+    goals = system.state.onboard.commands[:, GOAL_X : GOAL_Y + 1]
     assert goals.tolist() == pytest.approx(np.array([[0.155, 0.285], [0.155, 0.015]]))
     system.close()
 

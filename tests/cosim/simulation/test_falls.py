@@ -30,8 +30,8 @@ def batch_of_three(fmu, driver="compiled"):
 def test_a_robot_that_tips_over_in_an_episode_is_named_with_the_time(driver, array_fmu):
     """The second robot of the last place, which turns in the air."""
     batch, actions = batch_of_three(array_fmu, driver)
-    batch.state.bodies[Z, 5] += 0.1
-    batch.state.bodies[W_Y, 5] = 50.0
+    batch.state.bodies.motion[Z, 5] += 0.1
+    batch.state.bodies.motion[W_Y, 5] = 50.0
     with pytest.raises(FallError, match=r"^robot 2 tips over at 0\.02 s of simulated time; lower"):
         batch.advance(actions)
     batch.close()
@@ -40,7 +40,7 @@ def test_a_robot_that_tips_over_in_an_episode_is_named_with_the_time(driver, arr
 def test_contacts_that_are_not_solved_are_refused(array_fmu):
     """None is, for 3 ms, after many that were not."""
     batch, actions = batch_of_three(array_fmu)
-    batch.state.properties[LAW + 3, 1], batch.state.unsolved[1] = -1.0, 750.0
+    batch.state.bodies.properties[LAW + 3, 1], batch.state.bodies.unsolved[1] = -1.0, 750.0
     with pytest.raises(FallError, match=r"^the contacts of robot 2 .* not solved .* to 0\.00 s;"):
         batch.advance(actions)
     batch.close()

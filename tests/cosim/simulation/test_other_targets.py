@@ -10,7 +10,7 @@ from cosim.model.outcome import COLLISION, RUNNING
 from cosim.model.params import SHIELD
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
-from cosim.onboard.shield import STOPS
+from cosim.onboard.state import STOPS
 from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, permitted
 from cosim.recording.episode_log import EpisodeLog
 from cosim.simulation import rules
@@ -66,7 +66,7 @@ def test_the_monitor_alone_keeps_out_of_anothers_target(motor_fmu, straight_poli
     config = CoSimConfig(shield=SHIELD, timing=timing)
     system, _ = drive(BEYOND, motor_fmu, straight_policy(BEYOND.targets), config)
     assert system.episode.outcome == "timeout"
-    assert system.state.shields[0, STOPS] >= 1
+    assert system.state.onboard.shields[0, STOPS] >= 1
 
 
 @pytest.mark.parametrize(
