@@ -284,42 +284,38 @@ def run_periods(
     instances, lanes = calls.instances.shape[0], len(width)
     sampled = calls.step_period != 0
     get, electrical = calls.functions.get_float64, calls.electrical
+    # here, because numba counts a record's references where it is taken from another one
+    inputs, outputs, busy = state.motors.inputs, state.motors.outputs, state.episodes.busy
     tick = 0
     for period in range(noise.shape[0]):
         begin_period(plant, state, noise[period], lanes)
         fresh_inputs = not sampled
         if sampled:
-            status = step_period(calls, state.motors.inputs)
+            status = step_period(calls, inputs)
             if status > FMI_WARNING:
                 return status, 0
         for step in range(plant.ticks_per_period // count):
             begin_step(plant, state)
             if sampled:
-                take_sampled(calls, state.motors.outputs, step, width)
+                take_sampled(calls, outputs, step, width)
             if fresh_inputs:
-                status, instance = set_inputs(calls, state.motors.inputs)
+                status, instance = set_inputs(calls, inputs)
                 if status > FMI_WARNING:
                     return status, instance
             if instances == 1 and not sampled:
-                status, instance = step_motors(calls, state.motors.outputs, 0, 1, count, dt)
+                status, instance = step_motors(calls, outputs, 0, 1, count, dt)
                 if status > FMI_WARNING:
                     return status, instance
             for k in range(count):
-                for column in range(0, state.bodies.motion.shape[1], lanes):
-                    if not state.episodes.busy[column]:
+                for column in range(0, outputs.shape[1], lanes):
+                    if not busy[column]:
                         continue
                     if instances > 1 and k == 0:
                         # Motors just before their bodies: the processor then works on several
                         # vectors at once. No motor sees a body before the next step, so order is
                         # free.
-                        status, instance = step_motors(
-                            calls,
-                            state.motors.outputs,
-                            calls.motors * column,
-                            calls.motors * (column + lanes),
-                            count,
-                            dt,
-                        )
+                        first, end = calls.motors * column, calls.motors * (column + lanes)
+                        status, instance = step_motors(calls, outputs, first, end, count, dt)
                         if status > FMI_WARNING:
                             return status, instance
                     if not step_robots(plant, state, column, k, width):
@@ -331,9 +327,8 @@ def run_periods(
             fresh_inputs = plant.reaction
             if plant.reaction:
                 react(plant, state)
-        status, instance = exchange_signals(
-            calls, get, electrical, state.motors.electrical, 0, instances
-        )
+        electric = state.motors.electrical
+        status, instance = exchange_signals(calls, get, electrical, electric, 0, instances)
         if status > FMI_WARNING:
             return status, instance
         if not end_period(plant, state, samples, period):

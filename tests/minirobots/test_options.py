@@ -18,6 +18,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 import numpy as np
 import pytest
 
+from cosim.base.errors import UserError
 from cosim.recording.reader import read_rrd
 from minirobots.commands import COMMANDS, class_of
 
@@ -254,6 +255,16 @@ def test_another_value_gives_another_result_or_is_refused(name, number, outcome)
         if all(_repeats(key, found.get(key), option, values) for key in changed - {"said"}):
             without.append(option)
     assert not without, f"no effect of {', '.join(without)}"
+
+
+def test_a_calibration_is_measured_again_if_asked(command, monkeypatch, tmp_path):
+    def refuse(*_: Any) -> None:
+        raise UserError("it is measured")
+
+    monkeypatch.setattr("cosim.calibration.measuring.measure", refuse)
+    assert command("calibrate", "--out", tmp_path).returncode == 0  # found in the cache
+    again = command("calibrate", "--out", tmp_path, "--again")
+    assert (again.returncode, "it is measured" in again.stderr) == (2, True)
 
 
 def test_every_option_is_tried():

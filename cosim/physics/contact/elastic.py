@@ -103,11 +103,11 @@ def modes_rad_s(robot: RobotParams, mass: Mass) -> np.ndarray:
 
 
 def settling_s(robot: RobotParams, mass: Mass) -> float:
-    """Time in which every oscillation of a body on its legs falls to a thousandth."""
+    """Time in which every oscillation of a body on its legs falls to a millionth."""
     modes = modes_rad_s(robot, mass)
     zeta = 0.5 * modes * min(foot.leg.relaxation_s for foot in robot.feet if foot.leg)
     rates = modes * (zeta - np.sqrt(np.maximum(zeta * zeta - 1.0, 0.0)))
-    return math.log(1e3) / float(rates.min())
+    return math.log(1e6) / float(rates.min())
 
 
 def _require_stable(robot: RobotParams, mass: Mass, dt_s: float) -> None:

@@ -110,7 +110,7 @@ def test_files_say_what_the_table_says(table, out):
 
 def test_trainings_of_a_method_are_a_row_that_resumes(tmp_path, monkeypatch):
     """Its parts are the policies of the seeds, from the same starts; what is no method has one."""
-    brief = {"method": "paper", "learning": {"episodes": 3000, "eta": 0.1}}
+    brief = {"method": "paper", "learning": {"episodes": 4, "eta": 0.1}}
     how: dict[str, Any] = {"seed": 4, "trainings": 3, "time_limit": 40.0, "jobs": 1}
     how |= {"episodes": 4, "out": tmp_path, "progress": None}
     table = study({"brief": brief, "stubborn": Named()}, NEAR, **how)
@@ -119,7 +119,7 @@ def test_trainings_of_a_method_are_a_row_that_resumes(tmp_path, monkeypatch):
     assert [part.training for part in row.by_training] == [4, 5, 6]
     assert len({part.digest for part in row.by_training}) == 3
     assert [list(part.results) for part in row.by_training] == [list(other.results)] * 3
-    settings = replace(LearningConfig(), episodes=3000, eta=0.1)
+    settings = replace(LearningConfig(), episodes=4, eta=0.1)
     last = find_or_make(method_config("paper", NEAR, 6, learning=settings))[0]
     alone = evaluate(last, starts=4, seed=4, time_limit=40.0, jobs=1, progress=None)
     assert alone.digest == row.by_training[2].digest

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import UserError
+from cosim.calibration.report import speed_rows
 from cosim.calibration.speed_map import BOUNCING_SHARE, DIRECTIONS, DRIVES, Calibration
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING, Drive
@@ -71,6 +72,12 @@ def test_a_motor_speed_is_the_slowest_that_realises_a_motion(mm_s_10, share):
     assert omega <= fine[np.argmax(motion >= value * (1.0 - 1e-12))] + 1e-6
 
 
+def test_the_table_has_mean_and_scatter_in_one_unit():
+    rows = speed_rows(calibration_of(left_turn=[1e-3 * speed for speed in SPEEDS]))
+    assert rows[0] == ("forwards", "495 rad/s", "5.00 mm/s", "0.05", "0.00%")
+    assert rows[8] == ("left turn", "495 rad/s", "28.65 °/s", "0.29", "0.00%")
+
+
 def test_hops_bound_the_speed_of_every_primitive():
     airborne = (0.0, 0.0, 0.05, 0.2)
     rigid, bouncing = (calibration_of(r, airborne) for r in (0.0, 0.1))
@@ -94,6 +101,10 @@ def test_steering_gets_the_speeds_that_the_map_has():
     assert steering.turn_speed_rad_s == pytest.approx(0.99 * 600.0, abs=0.06)
     assert steering.max_speed_rad_s == pytest.approx(0.99 * 800.0, abs=0.06)
     assert (steering.side_speed_rad_s, steering.drives) == (0.0, STEERING.drives)
+    fast = CoSimConfig(steering=STEERING._replace(drive_speed_m_s=7.5e-3, turn_rate_rad_s=6e-3))
+    with pytest.raises(UserError, match=r"largest possible is 7\.20 mm/s"):  # backwards
+        found.resolved(fast)
+    assert found.resolved(fast, slower=True).steering.drive_speed_m_s == pytest.approx(7.2e-3)
 
 
 def test_each_drive_keeps_its_difference_and_gain_and_has_a_speed_of_its_own():

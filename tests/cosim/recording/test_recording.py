@@ -27,7 +27,7 @@ from cosim.recording.blueprint import episode_blueprint
 from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept, Recording, scalars, simulated
 from cosim.recording.reader import read_chunks, read_episode, read_rrd
-from cosim.recording.scene import ink_on, map_colours, shades
+from cosim.recording.scene import ICE, ROUGH, ink_on, map_colours, shades
 from cosim.recording.series import DETAILS, OUTCOME, PolicyMap, Stretch, with_bursts
 from cosim.simulation.options import DecisionOptions
 from tests.alone import CoSimulation, python, rrd
@@ -211,6 +211,7 @@ def test_obstacles_and_patches_are_drawn_where_they_are(tmp_path):
     assert (boxes[:, 5] > 0.0).all()
     patches = static_boxes(path, "/world/patches")
     assert patches["labels"].tolist() == ["µ 0.22", "µ 0.12"]
+    assert patches["colors"].tolist() == [ROUGH, ICE]
     assert patches["centers"][:, :2] == pytest.approx(np.array([[0.085, 0.16], [0.185, 0.025]]))
 
 

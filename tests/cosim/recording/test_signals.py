@@ -86,7 +86,11 @@ def steps(motor_fmu) -> list[Step]:
 
 def recorded(steps: list[Step], level) -> Episode:
     kept = Kept()
-    with EpisodeRecorder(kept, SCENARIO, CONFIG, "test", {}, level=level) as recorder:
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        EpisodeRecorder(kept, SCENARIO, CONFIG, "test", {}, level=level) as recorder,
+    ):
+        patch.setattr("cosim.recording.episode._STRETCH_S", 1.0)  # so that there are several
         for step in steps:
             decision = Decision(np.array([7, 2]), values(step.number), "s")
             recorder.write(step, decision, reward_parts(step.number))

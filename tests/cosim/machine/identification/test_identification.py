@@ -366,8 +366,9 @@ def test_motors_that_keep_their_phase_are_refused_and_near_ones_named(caplog):
 def test_a_robot_that_leaves_the_board_is_refused(tmp_path):
     write_track(tmp_path / "track.csv", GOOD)
     assert len(read_track(tmp_path / "track.csv", (0.16, 0.16)).times) == len(GOOD.times)
-    with pytest.raises(FileError, match="line 2: the robot has left the board"):
-        read_track(tmp_path / "track.csv", (0.16, 0.09))
+    for board_m in ((0.16, 0.09), (0.09, 0.16)):
+        with pytest.raises(FileError, match="line 2: the robot has left the board"):
+            read_track(tmp_path / "track.csv", board_m)
 
 
 def observed(
@@ -498,6 +499,10 @@ def test_there_are_no_intervals_in_doubt():
         "identified from track.csv: without an interval: three frames are off"
     )
     assert _mass_kg(drive, found)[1:] == (None, None)
+    value, low, high = _mass_kg(drive, found._replace(doubts=()))
+    assert low is not None
+    assert high is not None
+    assert 0.0 < low < value < high
     estimate = Estimate(
         name="mu", description="", value=0.1, low=None, high=None, identifiable=True, rises=()
     )
