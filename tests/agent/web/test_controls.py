@@ -18,12 +18,12 @@ PROGRAM = next(
 )
 # The first robot is a cell from its target, and the second one drives for long; where the floor
 # holds it, it hardly moves, so that no time at which a busy machine looks at it hides its world.
-BOARD = Scenario("near", "", ((9, 20), (22, 13)), (((9, 21),), ((27, 4),)))
+BOARD = Scenario("near", "", ((9, 20), (22, 13)), (((9, 21),), ((27, 4),)), rows=26)
 PATCH = "[world]\nmu_patches = [{cells = [20, 0, 29, 12], mu = 0.9}]\n"
-# Keeps what the page tells its worker, and the texts and discs of the last picture of the board, in
-# pixels of the canvas.
+# Keeps what the page tells its worker, the texts and discs of the last picture of the board in
+# pixels of the canvas, and the cells of maps.
 WATCHED = """
-window.told = []; window.texts = []; window.discs = [];
+window.told = []; window.texts = []; window.discs = []; window.cells = [];
 const post = Worker.prototype.postMessage, kind = CanvasRenderingContext2D.prototype;
 Worker.prototype.postMessage = function (m) { told.push(m); post.call(this, m); };
 for (const [name, kept] of [["fillText", "texts"], ["arc", "discs"]]) {
@@ -35,7 +35,11 @@ for (const [name, kept] of [["fillText", "texts"], ["arc", "discs"]]) {
     draw.apply(this, given);
   };
 }
-const clear = kind.clearRect;
+const fill = kind.fillRect, clear = kind.clearRect;
+kind.fillRect = function (...box) {
+  if (!this.canvas.id) window.cells.push(box);
+  fill.apply(this, box);
+};
 kind.clearRect = function (...box) {
   if (this.canvas.id === "board") [window.texts, window.discs] = [[], []];
   clear.apply(this, box);
@@ -82,6 +86,7 @@ def test_controls_do_what_they_say(tmp_path):
             place = left + 0.01 * (column + 1) * scale, bottom - 0.01 * (row + 1) * scale
             assert any(words == str(number) and math.dist(place, at) < 1.0 for words, *at in texts)
         page.select_option("#speed", "60")
+        assert "µ 0.9" not in page.evaluate("texts.map(([[words]]) => words)")
         own = after(8.0)
         # Masses are where the motors' angles put them, seen from above.
         (x, y), heading = own["robots"][1], own["headings"][1]
@@ -101,6 +106,19 @@ def test_controls_do_what_they_say(tmp_path):
         page.wait_for_function(f"{OUTCOME} === 'running, changed by hand'")
         again = after(own["time"] + 8.0)
         assert math.dist(again["robots"][0], (0.05, 0.1)) > 0.01
+        # Arrows move the chosen robot by a cell.
+        for key, (dx, dy) in {"Up": (0, 1), "Right": (1, 0), "Down": (0, -1)}.items():
+            x, y = page.evaluate("shown()")["robots"][0]
+            page.focus("#board")
+            page.keyboard.press(f"Arrow{key}")
+            there = (
+                f"{x + 0.01 * dx} - shown().robots[0][0], {y + 0.01 * dy} - shown().robots[0][1]"
+            )
+            page.wait_for_function(f"Math.hypot({there}) < 1e-6")
+        again = page.evaluate("shown()")
+        # Maps have their columns along x, and nothing on the target of another robot.
+        drawn = {(x, y) for x, y, *_ in page.evaluate("cells")}
+        assert drawn == {(x, y) for x in range(30) for y in range(26)} - {(22, 13)}
         # There is no room for a robot on another one.
         drag(*again["robots"])
         page.wait_for_function("!document.getElementById('error').hidden")
@@ -109,6 +127,7 @@ def test_controls_do_what_they_say(tmp_path):
         # Robots drive in the world that is chosen, and with the shield if that is.
         page.select_option("#world", "1")
         page.wait_for_function(f"{OUTCOME} === 'ready'")
+        assert "µ 0.9" in page.evaluate("texts.map(([[words]]) => words)")
         other = after(8.0)
         moved = (math.dist(of["robots"][1], (0.275, 0.045)) for of in (own, other))
         assert next(moved) > 0.01 > 2.0 * next(moved)
