@@ -32,7 +32,7 @@ from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, WORLD_CHILD
 from cosim.physics.forces import directions
 from cosim.physics.properties import GRAVITY, MU
 from cosim.recording.scene import ENLARGED
-from cosim.simulation.batch import Batch, floor_patches
+from cosim.simulation.batch import Batch, world_patches
 from cosim.simulation.measures import PATH_SAMPLING_S
 from cosim.simulation.options import Setup, SimulationOptions, resolve
 from cosim.simulation.rules import USED
@@ -172,7 +172,7 @@ def _world(name: str, policy: GreedyPolicy, setup: Setup, seed: int) -> dict[str
         "path_periods": max(1, round(PATH_SAMPLING_S / config.timing.control_period_s)),
         "motors": motors,
         "feet": feet,
-        "patches": floor_patches(scenario, config)[2 * config.world.edge :].tolist(),
+        "patches": world_patches(scenario, config.world),
         "edge": config.world.edge,
         "mu": config.robot.mu,
         "noise": config.noise.relative_amplitude,

@@ -38,6 +38,7 @@ _TAIL = 0.05  # share of the stops that the bound is extrapolated from
 RESERVE = 1.25  # assumed: over that bound, for motion that was not measured
 REST_S = 0.1
 _DRIVE_S, _CHANGE_S, _TICKS_S, _HELD_S = (0.05, 0.4), 0.2, 0.05, 0.25
+_SWINGS = 3.0  # times as long as legs need to rest: masses that hang still swing on them
 _BOUNCING_S = 10.0  # assumed: feet bounce as high as they ever do after this time at one speed
 _OPEN_LOOP = 4.0  # times as long, because these motors take as long to speed up and down
 _TURNS, _TURN, _LOOK_S = 16, 1.5, 0.05  # robots, half turns at the calibrated rate, between looks
@@ -100,8 +101,9 @@ def stopping_paths(config: CoSimConfig, fmu: MotorFmu, robots: int, seed: int) -
             path_m[:, stop] = path_diameter(np.concatenate([before[None], *ticks, at]))
             restless = np.linalg.norm(at - at[-1], axis=2) > 1e-6
             rest_s[:, stop] = period_s * restless.sum(axis=0)
-        held = trial.advance(round(_HELD_S / period_s)).position[[0, -1], :, :2]
-    return Stops(path_m, rest_s, np.linalg.norm(held[1] - held[0], axis=1) / _HELD_S)
+        held_s = _SWINGS * _resting_s(config) if config.robot.elastic else _HELD_S
+        held = trial.advance(round(held_s / period_s)).position[[0, -1], :, :2]
+    return Stops(path_m, rest_s, np.linalg.norm(held[1] - held[0], axis=1) / held_s)
 
 
 def _slower(config: CoSimConfig) -> float:

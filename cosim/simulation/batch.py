@@ -39,7 +39,7 @@ from cosim.fmi.motor import MotorFmu
 from cosim.fmi.motors import Motors
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Cell, Scenario
-from cosim.model.world import motor_phases
+from cosim.model.world import World, motor_phases
 from cosim.onboard.camera import NOISE, SIGHT, frames_in_flight, frames_within
 from cosim.physics.feet import NO_FLOOR, OWN_MU, floor_margin
 from cosim.physics.lanes import host_lanes
@@ -344,12 +344,16 @@ def _copies(episodes: list[RunningEpisode | None]) -> list[RunningEpisode | None
 def floor_patches(scenario: Scenario, config: CoSimConfig) -> np.ndarray:
     """Return `Floor.patches` of an episode, shape (P, 5)."""
     world = config.world
-    patches: list[tuple[float, ...]] = []
-    if world.edge:
-        beyond = (-math.inf, -math.inf, math.inf, math.inf, NO_FLOOR)
-        patches = [beyond, (0.0, 0.0, *scenario.size_m, OWN_MU)]
-    for patch in world.mu_patches:
-        left, bottom, right, top = patch.cells
-        edges = scenario.cell_m * np.array([left, bottom, right + 1, top + 1])
-        patches.append((*edges.tolist(), patch.mu))
-    return np.array(patches).reshape(-1, 5)
+    beyond = (-math.inf, -math.inf, math.inf, math.inf, NO_FLOOR)
+    board = [beyond, (0.0, 0.0, *scenario.size_m, OWN_MU)] if world.edge else []
+    return np.array([*board, *world_patches(scenario, world)]).reshape(-1, 5)
+
+
+def world_patches(scenario: Scenario, world: World) -> list[tuple[float, ...]]:
+    """Return rectangles in m and friction coefficients of a world's patches, 5 numbers each."""
+    ends = [
+        (*patch.cells[:2], *(cell + 1 for cell in patch.cells[2:])) for patch in world.mu_patches
+    ]
+    edges = scenario.cell_m * np.array(ends).reshape(-1, 4)
+    mus = (patch.mu for patch in world.mu_patches)
+    return [(*own.tolist(), mu) for own, mu in zip(edges, mus, strict=True)]

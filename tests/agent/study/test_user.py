@@ -128,7 +128,7 @@ def test_trainings_of_a_method_are_a_row_that_resumes(tmp_path, monkeypatch):
     assert (row.success_least, row.success_most) == (min(shares), max(shares))
     for name in ("planned", "failing_starts", "wall_s"):
         assert getattr(row, name) == pytest.approx(sum(getattr(p, name) for p in row.by_training))
-    assert 0 < row.failing_starts == round(12 * (1.0 - row.success))
+    assert 0 < row.failing_starts == len(row.failures)
     assert set(table.to_pandas(episodes=True).training.dropna()) == {4, 5, 6}
     monkeypatch.setattr(EpisodeStore, "keep", lambda *_: pytest.fail("simulated again"))
     assert study({"brief": brief, "stubborn": Named()}, NEAR, **how) == table

@@ -8,10 +8,13 @@ import pytest
 from playwright.sync_api import sync_playwright
 
 from agent.web.page import write_page
-from cosim.model.params import TABLE_I
+from cosim.model.params import TABLE_I, TABLE_II
 from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_in_world
+from cosim.physics.draws import draw_world
 from cosim.physics.forces import directions
 from cosim.simulation.options import SimulationOptions
+from cosim.simulation.simulate import draw_episode
 
 PROGRAM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
@@ -19,7 +22,7 @@ PROGRAM = next(
 # The first robot is a cell from its target, and the second one drives for long; where the floor
 # holds it, it hardly moves, so that no time at which a busy machine looks at it hides its world.
 BOARD = Scenario("near", "", ((9, 20), (22, 13)), (((9, 21),), ((27, 4),)), rows=26)
-PATCH = "[world]\nmu_patches = [{cells = [20, 0, 29, 12], mu = 0.9}]\n"
+PATCH = "[world]\nfloor_tilt_deg = 0.2\nmu_patches = [{cells = [20, 0, 29, 12], mu = 0.9}]\n"
 # Keeps what the page tells its worker, the texts and discs of the last picture of the board in
 # pixels of the canvas, and the cells of maps.
 WATCHED = """
@@ -100,6 +103,14 @@ def test_controls_do_what_they_say(tmp_path):
             at = turn @ (np.array(mount.place_m[:2]) + 0.65 * 0.2 * 0.025 * mass[:2]) + [x, y]
             pixel = left + at[0] * scale, bottom - at[1] * scale
             assert np.hypot(*(discs - pixel).T).min() < 0.3
+        # The path is that of the chosen robot.
+        for robot, (_, start) in enumerate(zip(BOARD.targets, BOARD.starts, strict=True)):
+            page.keyboard.press(str(robot + 1))
+            page.wait_for_function(f"document.getElementById('of').textContent == {robot + 1}")
+            away_m = math.dist(own["robots"][robot], 0.01 * (np.array(start[0]) + 0.5))
+            path_cm = float(page.inner_text("#path").removesuffix(" cm"))
+            assert 100.0 * away_m - 0.1 <= path_cm < 100.0 * away_m + 0.9
+        page.keyboard.press("1")
         # A robot that arrived and is put elsewhere drives again.
         assert math.dist(own["robots"][0], (0.095, 0.205)) < 0.006
         drag(own["robots"][0], (0.05, 0.1))
@@ -128,6 +139,10 @@ def test_controls_do_what_they_say(tmp_path):
         page.select_option("#world", "1")
         page.wait_for_function(f"{OUTCOME} === 'ready'")
         assert "µ 0.9" in page.evaluate("texts.map(([[words]]) => words)")
+        world, (_, seed) = find_in_world(BOARD, tmp_path / "patch.toml")[1], draw_episode(BOARD, 0, 0)
+        drawn = draw_world(world, (TABLE_II, TABLE_II), 2, seed).tilt_direction_deg
+        downhill = page.evaluate("shown()")["downhill"]
+        assert math.cos(downhill - math.radians(drawn)) == pytest.approx(1.0, abs=1e-9)
         other = after(8.0)
         moved = (math.dist(of["robots"][1], (0.275, 0.045)) for of in (own, other))
         assert next(moved) > 0.01 > 2.0 * next(moved)

@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgba
 from matplotlib.container import ErrorbarContainer
 from matplotlib.patches import Circle, Rectangle
 
@@ -298,6 +299,13 @@ def test_machines_are_drawn_in_both_views():
         for (start, tip), mount in zip(drawn["shaft"], mounts, strict=True):
             along = np.array([mount.axis[k] for k in view])
             np.testing.assert_allclose(tip - start, 0.3 * 25.0 * along, atol=1e-12)
+        # Bodies of the motors lie behind their masses.
+        bodies = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+        bodies = [body for body in bodies if body.get_facecolor() == to_rgba(machine._MOTOR)]
+        for body, place, mount in zip(bodies, places, mounts, strict=True):
+            middle = body.get_patch_transform().transform((0.5, 0.5))
+            behind = 0.5 * 1e3 * robot.motor_length_m * np.array([mount.axis[k] for k in view])
+            np.testing.assert_allclose(middle, 1e3 * np.array(place) - behind, atol=1e-9)
     assert figure.axes[0].get_title(loc="left") == "$own"
 
 

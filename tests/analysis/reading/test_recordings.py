@@ -140,9 +140,17 @@ def test_findings_say_when_and_what(episode):
     assert not any(kind in {"near miss", "collision"} for kind, _ in findings)
 
 
-def test_inspect_prints_a_page_and_json(recording, cut_recording, command):
+def test_inspect_prints_a_page_and_json(recording, episode, cut_recording, command):
     page = command("inspect", recording, "--parameters", "--json").stdout
     content = json.loads(page.splitlines()[-1])
+    for row in content["signals"]:
+        signal = episode.signals[row["signal"]]
+        values = signal.values.reshape(len(signal.time_s), -1)
+        known = values[:, signal.names.index(row["component"])]
+        known = known[np.isfinite(known)]
+        measures = {"minimum": np.min, "mean": np.mean, "maximum": np.max, "deviation": np.std}
+        for name, measure in measures.items() if len(known) else ():
+            assert row[name] == pytest.approx(float(measure(known)), rel=1e-6), (row, name)
     assert content["outcome"] == "timeout"
     assert content["robots"]["r1"]["moves"] >= 1
     row = next(r for r in content["signals"] if r["signal"] == "/sim/r1/motors/omega")

@@ -99,6 +99,7 @@ def wrapped(pose: np.ndarray) -> np.ndarray:
         Sensor(25.0, 0.0, 2.0, 0.2),
         Sensor(40.0, 120.0, 0.0, 3.0),
         Sensor(7.0, 333.0, 1.0, 0.0),
+        Sensor(90.0, 120.0, 0.4, 0.3),  # of which a dozen frames are under way
     ],
 )
 def test_an_estimate_is_the_textbooks_of_the_frames_that_have_arrived(sensor):
@@ -106,10 +107,10 @@ def test_an_estimate_is_the_textbooks_of_the_frames_that_have_arrived(sensor):
     rng, periods = np.random.default_rng(1), 1000
     camera, estimate = camera_of(sensor, PERIOD_S), np.zeros(ESTIMATE_SIZE)
     frames = np.zeros((frames_in_flight(sensor), FRAME_SIZE))
-    sight = draw_sight(sensor, rng, 60)
+    sight = draw_sight(sensor, rng, 100)
     noise = np.diag([(1e-3 * sensor.position_noise_mm) ** 2] * 2 + [0.0])
     noise[2, 2] = math.radians(sensor.heading_noise_deg) ** 2
-    taken = [math.ceil(k * (1.0 / (sensor.rate_hz * PERIOD_S))) for k in range(60)]
+    taken = [math.ceil(k * (1.0 / (sensor.rate_hz * PERIOD_S))) for k in range(100)]
     delay = round(sensor.delay_ms)
     poses = np.array([0.1, 0.2, 3.0]) + np.cumsum(rng.normal(size=(periods, 3)) * 1e-4, axis=0)
     commanded, still_s = np.zeros((periods + 1, 4)), math.inf

@@ -84,6 +84,8 @@ def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, requ
             if step.outcome and 3 not in held.values():
                 held[place] = 3
                 begin(place, 3)
+    owners = batch.state.floor.owners[:6]  # of targets in any order of an episode's robots
+    assert np.array_equal(np.sort(owners.reshape(3, 2), axis=1), [[0, 1], [2, 3], [4, 5]])
     last = found[2][-1].samples.position[-1]
     assert np.array_equal(batch.state.bodies.motion[:3, 4:6].T, last)  # nothing moves after its end
     batch.close()
