@@ -1,9 +1,9 @@
 """Write what a study found into docs/results: `uv run python .ci/studies.py runs/NAME`.
 
 NAME.json has the numbers of the pages (`.ci/pages.py`), by policy and scenario, all of them for the
-last scenario of the study, which is the hardest. NAME.csv has a row for every training: what each
-of its episodes ended in, in the order of the sample (s is success, c a collision, o out of the
-board, t the end of the time).
+last scenario of the study, which is the hardest, and over all worlds together. NAME.csv has a row
+for every training: what each of its episodes ended in, in the order of the sample (s is success, c
+a collision, o out of the board, t the end of the time).
 """
 
 import csv
@@ -15,12 +15,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from agent.evaluation.statistics import interval_text, paired_difference
+from agent.evaluation.statistics import interval_text, paired_difference, rate_over_trainings
 
 # Differences between policies of a study, by their names: patterns of the first and of the second.
 DIFFERENCES = {
     "methods": {"moves_minus_paper": ("moves", "paper")},
     "groups": {"moves_minus_paper": ("moves", "paper")},
+    "worlds": {"moves_minus_paper": ("moves", "paper")},
     "ablation": {
         "moves_minus_grid": ("moves-*", "grid-*"),
         "b_minus_g": ("*-b-*", "*-g-*"),
@@ -46,16 +47,18 @@ def numbers(row: dict) -> dict[str, str]:
     }
 
 
-def difference(episodes: pd.DataFrame, first: str, second: str) -> str:
-    """Return how much more often the first policies succeed, in points, with its interval."""
-    hits = [
-        np.array([of.outcome == "success" for _, of in group.groupby("digest", sort=False)])
-        for group in (
-            episodes[[fnmatch(policy, pattern) for policy in episodes.policy]]
-            for pattern in (first, second)
-        )
-    ]
-    return interval_text(paired_difference(*hits), 1, 100.0)
+def successes(episodes: pd.DataFrame, pattern: str) -> np.ndarray:
+    """Return which episodes of policies succeeded, (trainings, all combinations and starts)."""
+    some = episodes[[fnmatch(policy, pattern) for policy in episodes.policy]]
+    trainings = some.groupby(["policy", "training"], sort=False)
+    return np.array([of.outcome == "success" for _, of in trainings])
+
+
+def over_worlds(hits: np.ndarray) -> dict[str, str]:
+    """Return the numbers of a policy in all worlds together."""
+    shares = np.round(100.0 * hits.mean(axis=1)).astype(int)
+    success = interval_text(rate_over_trainings(hits), 1, 100.0)
+    return {"success": success, "range": f"{shares.min()} to {shares.max()}"}
 
 
 def main(folder: Path) -> None:
@@ -69,15 +72,19 @@ def main(folder: Path) -> None:
         own = numbers(row) if row["scenario"] == hardest else {"success": percent(row, "success")}
         found.setdefault(row["policy"], {})[row["scenario"]] = own
     episodes = pd.read_parquet(folder / "episodes.parquet")
-    last = episodes[episodes.scenario == hardest]
+    last, axes = episodes[episodes.scenario == hardest], ["world"] if "world" in episodes else []
+    for policy in found if axes else ():
+        found[policy][hardest] = over_worlds(successes(last, policy))
     for key, pair in DIFFERENCES.get(name, {}).items():
-        found[key] = difference(last, *pair)
+        difference = paired_difference(*(successes(last, pattern) for pattern in pair))
+        found[key] = interval_text(difference, 1, 100.0)
     text = json.dumps({"command": command, **found}, indent=2, ensure_ascii=False)
     (RESULTS / f"{name}.json").write_text(text + "\n", "utf-8")
     with (RESULTS / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("policy", "scenario", "training", "digest", "outcomes"))
-        for keys, of in episodes.groupby(["policy", "scenario", "training", "digest"], sort=False):
+        names = ["policy", "scenario", *axes, "training", "digest"]
+        writer.writerow((*names, "outcomes"))
+        for keys, of in episodes.groupby(names, sort=False):
             writer.writerow((*keys, "".join(str(outcome)[0] for outcome in of.outcome)))
 
 

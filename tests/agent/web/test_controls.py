@@ -139,7 +139,8 @@ def test_controls_do_what_they_say(tmp_path):
         page.select_option("#world", "1")
         page.wait_for_function(f"{OUTCOME} === 'ready'")
         assert "µ 0.9" in page.evaluate("texts.map(([[words]]) => words)")
-        world, (_, seed) = find_in_world(BOARD, tmp_path / "patch.toml")[1], draw_episode(BOARD, 0, 0)
+        _, world = find_in_world(BOARD, tmp_path / "patch.toml")
+        _, seed = draw_episode(BOARD, 0, 0)
         drawn = draw_world(world, (TABLE_II, TABLE_II), 2, seed).tilt_direction_deg
         downhill = page.evaluate("shown()")["downhill"]
         assert math.cos(downhill - math.radians(drawn)) == pytest.approx(1.0, abs=1e-9)
