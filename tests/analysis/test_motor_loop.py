@@ -290,6 +290,10 @@ def test_the_command_is_about_the_motor_at_hand(tmp_path, command):
     assert "poles -6.055 ± 61.53j rad/s" in done.stdout
     assert found["gains"][0]["K_i"] == found["gains"][-1]["K_i"] == 0.3
     assert found["gains"][1]["K_i"] == found["proposed"]["K_i"]
+    gains = {name: found["proposed"][name] for name in ("K_p", "K_i")}
+    merits = figures_of_merit(speed_loop(TABLE_II._replace(**gains)))
+    assert found["proposed"]["bandwidth_rad_s"] == pytest.approx(merits.bandwidth_rad_s)
+    assert found["bandwidth_rad_s"] != pytest.approx(merits.bandwidth_rad_s, rel=0.1)
     assert "proposed, limited by the voltage, K_p = 0.004286 V s/rad" in done.stdout
     assert out.read_bytes().startswith(b"\x89PNG")
     assert out.with_suffix(".pdf").read_bytes().startswith(b"%PDF")

@@ -19,18 +19,18 @@ class Frames:
     @contextlib.contextmanager
     def saving(self, figure, path, dpi):
         """Begin."""
-        self.axes, self.titles, self.texts = figure.axes[0], [], []
+        self.axes, self.titles, self.texts, self.noses = figure.axes[0], [], [], []
         yield
 
     def grab_frame(self):
         """Take what the figure has."""
         self.titles.append(self.axes.get_title("left").split(maxsplit=2))
         self.texts.append([(t.get_text(), *t.get_position()) for t in self.axes.texts])
-        self.lines = [line.get_xydata() for line in self.axes.lines]
+        self.noses.append(np.diff(self.axes.lines[0].get_xydata(), axis=0)[0])
 
 
 def driven(scenario: str, time_s: float) -> Any:
-    """Return an episode on a high board: robots stand on their first start cells, at 2 rad."""
+    """Return an episode on a high board: robots stand on their first starts and turn past π."""
     board = find_scenario(scenario)
     board = replace(board, rows=board.rows + 4)
     robots = [f"r{number + 1}" for number in range(board.robots)]
@@ -38,7 +38,7 @@ def driven(scenario: str, time_s: float) -> Any:
     for robot, starts in zip(robots, board.starts, strict=True):
         at = board.cell_m * (np.array(starts[0]) + 0.5)
         signals[f"{robot}/position"] = Signal(times, np.tile(at, (2, 1)), ("x", "y"), "m")
-        signals[f"{robot}/heading"] = Signal(times, np.full(2, 2.0), ("",), "rad")
+        signals[f"{robot}/heading"] = Signal(times, np.array([3.0, -3.0]), ("",), "rad")
     return SimpleNamespace(
         scenario=board, robots=robots, signals=signals, time_s=time_s, outcome="timeout",
         origin="", parameter=lambda _: 0.05,
@@ -56,8 +56,9 @@ def test_the_last_frame_alone_is_the_end_and_says_how(monkeypatch, tmp_path, spe
     assert {text for text, *_ in frames.texts[-1]} == {""}  # a robot alone needs no number
     assert frames.axes.get_xlim() == pytest.approx((-2.5, 32.5))
     assert frames.axes.get_ylim() == pytest.approx((-2.5, 36.5))
-    nose, _ = frames.lines
-    assert np.diff(nose, axis=0)[0] == pytest.approx((2.5 * np.cos(2.0), 2.5 * np.sin(2.0)))
+    for time_s, nose in zip(times, frames.noses, strict=True):
+        angle = 3.0 + (2.0 * np.pi - 6.0) * time_s / 4.0
+        assert nose == pytest.approx((2.5 * np.cos(angle), 2.5 * np.sin(angle)), abs=0.05)
 
 
 def test_more_robots_than_colours_have_numbers_and_so_have_their_targets(monkeypatch, tmp_path):

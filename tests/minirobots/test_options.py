@@ -267,6 +267,29 @@ def test_a_calibration_is_measured_again_if_asked(command, monkeypatch, tmp_path
     assert (again.returncode, "it is measured" in again.stderr) == (2, True)
 
 
+def test_long_work_is_given_its_seed_its_cells_and_its_place(command, monkeypatch, tmp_path):
+    """Of commands that take too long for other values of every option."""
+    given: dict[str, Any] = {}
+
+    def refuse(*_: Any, **named: Any) -> None:
+        given.update(named)
+        raise UserError("begun")
+
+    monkeypatch.setattr("agent.moves.observe.observe_moves", refuse)
+    monkeypatch.setattr("agent.study.user.study", refuse)
+    monkeypatch.setattr("cosim.calibration.primitives.measured", refuse)
+    (tmp_path / "study.toml").write_text('policies = ["shortest"]\nscenario = "1a"\n')
+    where = "--jobs", 3, "--backend", "loky", "--out", tmp_path
+    for line in (
+        ("moves", "--seed", 7, "--cell", 0.02, "--moves", 5, "--out", tmp_path / "m.json"),
+        ("study", tmp_path / "study.toml", *where),
+        ("calibrate", "--preset", "kilobot", "--again", "--out", tmp_path),
+    ):
+        assert "begun" in command(*line).stderr
+    expected = {"seed": 7, "cell_m": 0.02, "moves_per_kind": 5, "jobs": 3, "backend": "loky"}
+    assert given == given | expected | {"again": True}
+
+
 def test_every_option_is_tried():
     missing = []
     for name in COMMANDS:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from agent.evaluation.rows import Failure, Row
+from agent.evaluation.rows import Failure, Row, columns_of
 from agent.evaluation.statistics import Statistics, rate
 from agent.experiments import results as experiments
 from agent.mdp.exact import joint_starts
@@ -70,6 +70,14 @@ def test_a_table_has_what_there_is_room_for():
     text = tables([(f"row {k}", "1" * 30, f"{k}" * 30, "3" * 30) for k in "456"])  # above the table
     assert f"all rows: b {'1' * 30}, d {'3' * 30}\n" in text
     assert [text.count(found) for found in ("\n─", "row 4", "1" * 30, "4" * 30)] == [1] * 4
+
+
+def test_columns_are_what_their_headings_say():
+    row = dynamics_row(policy="p.npz", out_of_board=0.1, timeout=0.02)
+    cells = {column.heading: column.text(row) for column in columns_of([row], ())}
+    assert cells["out of board, timeout"] == "5, 1"
+    brief = [column.text(row) for column in columns_of([row], (), brief=True)]
+    assert brief[-2:] == ["123.4 cm", "123 s"]
 
 
 @pytest.mark.parametrize("width", [60, 80, 200])

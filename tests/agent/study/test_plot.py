@@ -79,6 +79,9 @@ def test_two_axes_give_a_map(quantity):
                 place = up.index(row.options["world"]), across.index(str(row.options["mu"]))
                 expected = QUANTITIES[quantity][1] * getattr(row, quantity)
                 assert np.asarray(image.get_array())[place] == pytest.approx(expected)
+                (shown,) = (t for t in panel.texts if t.get_position() == place[::-1])
+                dark = expected > np.mean(image.get_clim())  # "Blues" ends in dark blue
+                assert (shown.get_color() == "white") == dark
     one = table.plot("mu", quantity)
     assert len(one.axes[0].containers) == 6
 

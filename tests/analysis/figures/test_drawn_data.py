@@ -235,7 +235,10 @@ def test_a_turn_of_the_motors():
         name: made_up(k, sizes.get(name, (20,)), 0.1) for k, name in enumerate(Cycle._fields)
     }
     arrays["theta"] = np.column_stack([np.linspace(1.0, 7.5, 20), np.linspace(0.0, -6.5, 20)])
+    arrays["lifted"] = arrays["lifted"] > 0.7
     cycle = Cycle(**arrays | {"robot": "r1", "apart_rad": 0.1, "impact_n_s": 0.2})
+    share = np.mean([foot.any() for foot in cycle.lifted])  # of the turn with any foot in the air
+    assert 0.0 < motor_cycle.drawing_of(cycle).numbers["lifted_share"] == share < 1.0
     figure: Any = motor_cycle.draw(cycle)
     expected = (
         {"driving force": cycle.driving_n, "friction": cycle.friction_n},

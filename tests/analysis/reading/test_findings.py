@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from analysis.reading.findings import find
-from cosim.recording.reader import Episode, Parameter, Signal, Signals, Texts
+from analysis.reading.inspection import inspect_episode
+from cosim.recording.reader import DrivenMove, Episode, Parameter, Signal, Signals, Texts
 
 TIME_S = 0.001 * np.arange(1.0, 1001.0)
 NEAR, FAR = np.linspace(0.058, 0.062, 1000), np.full(1000, 1.0)
@@ -28,7 +29,7 @@ def made_up(
     lacks = Texts(TIME_S[-1:], ("has not arrived",))
     return Episode(
         *(Path("made_up.rrd"), "id", complete, outcome, 1.0, tuple(x_m)),
-        {"targets_m": [(0.0, 0.0), (0.0, 0.0), (1.3, 0.4)]},
+        {"targets_m": [*([(0.0, 0.0)] * 2), (1.3, 0.4), *([(0.0, 0.0)] * 8), (1.0, 0.7)]},
         {name: Parameter(value, "", "", "") for name, value in known.items()},
         Signals("made up", signals),
         {f"/rl/{robot}/failure": lacks for robot in x_m} if outcome == "timeout" else {},
@@ -90,3 +91,14 @@ def test_an_episode_of_four_times_the_straight_line_looks_wrong(speed_m_s, wrong
 def test_a_robot_lacks_its_own_target_where_others_are_not_recorded():
     found = find(made_up({"r3": FAR}, (), "timeout"))[-1]
     assert found.numbers["target_away_m"] == pytest.approx(0.5)
+    assert find(made_up({"r12": FAR}, (), "timeout"))[-1].numbers["target_away_m"] == 0.7
+
+
+def test_a_move_that_the_end_cuts_off_has_not_timed_out():
+    moves = (
+        DrivenMove(0.0, 4.0, "0°", ended=True, given_up=False),
+        DrivenMove(4.0, 44.0, "90°", ended=False, given_up=True),
+        DrivenMove(44.0, 45.0, "45°", ended=False, given_up=False),
+    )
+    summary = inspect_episode(replace(made_up({"r1": FAR}), moves={"r1": moves})).robots["r1"]
+    assert (summary.moves, summary.moves_ended, summary.moves_timed_out) == (3, 1, 1)

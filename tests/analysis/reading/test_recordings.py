@@ -152,7 +152,13 @@ def test_inspect_prints_a_page_and_json(recording, episode, cut_recording, comma
         for name, measure in measures.items() if len(known) else ():
             assert row[name] == pytest.approx(float(measure(known)), rel=1e-6), (row, name)
     assert content["outcome"] == "timeout"
-    assert content["robots"]["r1"]["moves"] >= 1
+    moves = episode.moves["r1"]
+    assert content["robots"]["r1"] == {
+        "path_length_m": content["robots"]["r1"]["path_length_m"],
+        "moves": len(moves),
+        "moves_ended": sum(move.ended for move in moves),
+        "moves_timed_out": sum(move.given_up for move in moves),
+    }
     row = next(r for r in content["signals"] if r["signal"] == "/sim/r1/motors/omega")
     expected = {"component": "D", "unit": "rad/s", "samples": 6000, "period_s": 0.005}
     assert row | expected == row

@@ -14,7 +14,14 @@ from agent.envs.drive import set_points
 from cosim.base.errors import UserError
 from cosim.calibration import primitives
 from cosim.calibration.measuring import calibrated, shares_of
-from cosim.calibration.primitives import DIRECTIONS, Primitive, able, find_primitives, steered
+from cosim.calibration.primitives import (
+    DIRECTIONS,
+    Primitive,
+    able,
+    find_primitives,
+    primitive_rows,
+    steered,
+)
 from cosim.calibration.trial import Trial, mean_motion
 from cosim.coupling.master import FallError
 from cosim.fmi.motor import MotorFmu
@@ -229,3 +236,20 @@ def test_a_machine_whose_primitives_are_found_drives_at_the_speed_that_is_asked(
         trial.advance(500)
         motion = mean_motion(trial.poses, [trial.advance(5000)], 1e-3)
     assert motion[:, 0].mean() == pytest.approx(half_m_s, rel=0.15)
+
+
+def test_the_table_says_how_well_a_primitive_repeats_itself(config):
+    """Its mean's 95 % interval by Student: 2.201 is the quantile for twelve drives."""
+    still = {"airborne_share": 0.25, "difference": (), "yaw_gain": 1.0}
+    straight = Primitive((900.0, -800.0), (4e-3, 0.0, 0.0), (1e-3, 2e-3, 0.0), **still)
+    curve = Primitive((700.0, 0.0), (8e-3, 6e-3, 0.5), (0.0, 0.0, math.radians(1.0)), **still)
+    ahead, turn = primitive_rows({"forwards": straight, "left_turn": curve}, config)
+    half = 2.201 / math.sqrt(12.0)
+    assert ahead[:3] == (
+        "forwards",
+        f"4.00 ± {half:.2f} (σ 1.00)",
+        f"0.00 ± {2.0 * half:.2f} (σ 2.00)",
+    )
+    assert ahead[4:] == ("25.0%", "900 -800")
+    assert turn[0] == "left turn in a circle of 20 mm"
+    assert turn[3] == f"{math.degrees(0.5):.2f} ± {half:.2f} (σ 1.00)"

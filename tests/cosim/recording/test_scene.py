@@ -16,7 +16,8 @@ from cosim.coupling.rl_step import POSES_S, Step
 from cosim.coupling.signals import new_raw_samples, new_samples
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import Outcome
-from cosim.model.params import TIMING, Mount
+from cosim.model.params import TIMING, Mount, feet_names
+from cosim.model.preset import find_preset
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import Observation
 from cosim.recording.blueprint import episode_blueprint
@@ -24,6 +25,7 @@ from cosim.recording.episode import EpisodeRecorder
 from cosim.recording.file import Kept
 from cosim.recording.reader import read_episode
 from cosim.recording.scene import SWARM
+from cosim.recording.series import PolicyMap, signals_of
 
 ROBOTS, CHOSEN = 12, (1, 9, 11)
 NAMES = ["r2", "r10", "r12"]
@@ -67,7 +69,13 @@ def step(number: int, config: CoSimConfig, outcome: str = "") -> Step:
 @pytest.fixture(scope="module")
 def kept() -> Kept:
     kept, config = Kept(), machine()
-    with EpisodeRecorder(kept, BOARD, config, "test", {"seed": 0}, sampled=CHOSEN) as recorder:
+    maps = []
+    for k in range(ROBOTS):  # robot k knows what to do in column k alone
+        visits = np.zeros((BOARD.columns, BOARD.rows))
+        visits[k, 3] = 1.0
+        maps.append(PolicyMap(visits, np.full(visits.shape, k % 8), visits))
+    chosen: Any = {"sampled": CHOSEN, "policies": maps}
+    with EpisodeRecorder(kept, BOARD, config, "test", {"seed": 0}, **chosen) as recorder:
         for number in range(4):
             recorder.write(step(number, config, "timeout" if number == 3 else ""))
     return kept
@@ -122,6 +130,32 @@ def test_chosen_robots_keep_their_order_colours_and_targets(kept):
         f"{name} has not arrived: target {away_cm:.1f} cm away"
         for name, away_cm in zip(NAMES, aways_cm, strict=True)
     ]
+
+
+def test_policies_and_outcome_are_where_they_belong(kept):
+    for name, robot in zip(NAMES, CHOSEN, strict=True):
+        path = f"/world/{name}/policy/greedy"
+        parts = (
+            column(kept, path, f"Arrows3D:{part}", static=True) for part in ("origins", "vectors")
+        )
+        (origin,), (vector,) = (np.array(rows[0]) for rows in parts)
+        middle = origin + 0.5 * vector
+        assert middle[:2] == pytest.approx([0.01 * (robot + 0.5), 0.035], abs=1e-6)
+        assert np.arctan2(vector[1], vector[0]) % (2.0 * np.pi) == pytest.approx(
+            robot % 8 * np.pi / 4
+        )
+    for _, (place,) in column(kept, "/world/outcome", "Points3D:positions", static=False):
+        assert place[:2] == pytest.approx([0.3, 0.3])
+
+
+def test_every_leg_has_its_names():
+    robot = find_preset("hexbug").config().robot
+    found = {
+        signal.path: signal.names for signal in signals_of(robot, distances=False, camera=False)
+    }
+    names = [f"{foot} {axis}" for foot in feet_names(len(robot.feet)) for axis in "xyz"]
+    assert list(found["sim/contact/deflection"]) == names
+    assert len(names) > 9
 
 
 def test_masses_turn_about_their_shafts_as_their_motors_do(kept):
