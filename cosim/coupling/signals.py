@@ -73,7 +73,7 @@ class Contacts(NamedTuple):
 
 
 class Episodes(NamedTuple):
-    """What goes on in the places for episodes."""
+    """State of the places for episodes."""
 
     running: Annotated[np.ndarray, "K", np.int64]  # whether an episode is running
     periods: Annotated[np.ndarray, "K", np.int64]  # control periods that it did in this advance
