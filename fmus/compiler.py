@@ -15,10 +15,10 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from cosim.base.errors import UserError
-from cosim.base.storage import temporary_folder
 from fmus.models import STANDARDS, Fmi, Model, find
 
 # Without contraction to fused multiply-adds every platform computes the same bits.
@@ -115,7 +115,7 @@ def compile_library(model: Model, header: str, target: str) -> bytes:
         command += ["-target", TARGETS[target].triple]
     elif target != host_target():
         raise UserError(f"cc builds for this machine only; install ziglang to build for {target}")
-    with temporary_folder() as folder:
+    with TemporaryDirectory() as folder:
         work = Path(folder)
         for fmi in STANDARDS[model]:
             for name, content in source_files(model, fmi, header).items():

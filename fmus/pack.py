@@ -1,13 +1,13 @@
 """An FMU from its sources, perhaps changed by a user."""
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import fmpy
 
 from cosim.base.errors import UserError
 from cosim.base.progress import Progress, under_way
-from cosim.base.storage import temporary_folder
 from fmus.archive import write_archive
 from fmus.compiler import PLAIN_NAMES, SAME_BITS, compiler_command, fmi_headers, run_compiler
 
@@ -53,6 +53,6 @@ def _library(folder: Path, configuration: Any) -> dict[str, bytes]:
         command += [f"-D{d.name}={d.value or ''}" for d in definitions]
         command += [f"-I{place / path}" for path in group.includeDirectories]
         command += [str(place / path) for path in group.sourceFiles]
-    with temporary_folder() as work:
+    with TemporaryDirectory() as work:
         run_compiler([*command, "-o", name, "-lm"], Path(work), str(folder))
         return {f"binaries/{fmpy.platform_tuple}/{name}": (Path(work) / name).read_bytes()}

@@ -150,7 +150,7 @@ def _of_learning() -> Iterator[tuple[str, str]]:
         config = method_config(method, scenario, episodes=4000)
         policy = learn(config)[0]
         yield f"policy {name}", _of_policy(policy)
-        yield f"grid {name}", _digest(*policy.evaluate())
+        yield f"grid {name}", _digest(*policy.evaluate_on_grid())
 
 
 def _on_moves(moves: ObservedMoves, scenario: str) -> Policy:
@@ -249,7 +249,7 @@ def _of_computed() -> Iterator[tuple[str, str]]:
             compute = METHODS[method].compute
             assert compute is not None
             policy = compute(config)
-            evaluation = policy.evaluate(joint_starts(policy.process)[:8])
+            evaluation = policy.evaluate_on_grid(joint_starts(policy.process)[:8])
             yield (
                 f"{method} {robots}",
                 _digest(*(getattr(policy, name) for name in policy.array_names()), *evaluation),

@@ -159,7 +159,7 @@ def _ratios_to_grid(case: Case, results: Mapping[int, EpisodeResult]) -> np.ndar
     policy = case.policy
     if not isinstance(policy, GreedyPolicy):
         return np.full(len(successes), np.nan)
-    grid = policy.evaluate(case.starts[[index % len(case.starts) for index in successes]])
+    grid = policy.evaluate_on_grid(case.starts[[index % len(case.starts) for index in successes]])
     cell_cm = 100.0 * policy.config.scenario.cell_m
     expected = cell_cm * grid.path_cells.mean(axis=1)
     expected[grid.outcome != SUCCESS] = np.nan

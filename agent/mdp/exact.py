@@ -150,7 +150,9 @@ def some_starts(process: Process, most: int) -> np.ndarray:
     return starts[:: -(-len(starts) // most)]
 
 
-def evaluate(process: Process, values: np.ndarray, starts: np.ndarray | None = None) -> Evaluation:
+def evaluate_on_grid(
+    process: Process, values: np.ndarray, starts: np.ndarray | None = None
+) -> Evaluation:
     """Greedy episodes from the `joint_starts` of a process, or from those given.
 
     Args:
@@ -169,7 +171,7 @@ def evaluate(process: Process, values: np.ndarray, starts: np.ndarray | None = N
     return found
 
 
-def evaluate_by(
+def evaluate_on_grid_by(
     process: Process, starts: np.ndarray, decide: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> Evaluation:
     """Episodes of robots that decide together.

@@ -108,8 +108,8 @@ class GreedyPolicy(ABC):
         """(N, 8) float32, action values of each robot."""
 
     @abstractmethod
-    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
-        """Greedy episodes on the grid from (K, N, 2) starts, see `agent.mdp.exact.evaluate`."""
+    def evaluate_on_grid(self, starts: np.ndarray | None = None) -> Evaluation:
+        """Greedy episodes on the grid from (K, N, 2) starts, see `agent.mdp.exact`."""
 
     @abstractmethod
     def digest(self) -> str:

@@ -85,7 +85,7 @@ Kind = TypeVar("Kind", bound=GridReport)
 
 def grid_row(name: str, policy: GreedyPolicy) -> Row:
     """Evaluate a policy from all starts, or a sample of them."""
-    result = policy.evaluate()
+    result = policy.evaluate_on_grid()
     path_ratio, steps_ratio = ratios(policy.process, result)
     failing = np.flatnonzero(result.outcome != SUCCESS)
     scenario, starts = policy.config.scenario, len(result.outcome)

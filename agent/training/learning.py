@@ -28,7 +28,7 @@ class Learning(NamedTuple):
     eta: np.ndarray  # float32, learning rate of each block of episodes
     gamma: np.float32
     epsilon_thresholds: np.ndarray  # uint64, exploration threshold of each block of episodes
-    epsilon_episodes: int  # per block
+    block: int  # episodes of constant epsilon and eta
     rule: Any  # see `agent.training.rules.compiled`
     # 0, 1, ... for the tables of a robot; a tuple, so that the compiler knows their number
     tables: tuple[int, ...]
@@ -94,7 +94,7 @@ def build_learning(
         eta=(config.eta + fall * (starts / config.episodes)).astype(np.float32),
         gamma=np.float32(config.gamma),
         epsilon_thresholds=np.array([probability_threshold(e) for e in epsilon], dtype=np.uint64),
-        epsilon_episodes=config.block,
+        block=config.block,
         rule=rule,
         tables=tuple(range(tables)),
         ahead=ahead,

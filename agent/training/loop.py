@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from scipy.spatial.distance import pdist
 
-from agent.mdp.exact import cell_map, evaluate, some_starts
+from agent.mdp.exact import cell_map, evaluate_on_grid, some_starts
 from agent.mdp.optimum import require_paths_alone
 from agent.moves.model import MoveModel, build_model
 from agent.training.learning import (
@@ -191,7 +191,7 @@ def learn(
             )
         if until in evaluations:
             values = state.q.mean(axis=0) if len(state.q) > 1 else state.q[0]
-            result = evaluate(process, values, starts)
+            result = evaluate_on_grid(process, values, starts)
             state.greedy[due] = (
                 result.rate(Outcome.SUCCESS),
                 result.mean_path_cells(),

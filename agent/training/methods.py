@@ -77,8 +77,8 @@ class Method:
     needs: str = ""  # options of the co-simulation that it is made for
     use: str = ""  # when to choose it
     settings: Settings = lambda _: (ProcessConfig(), LearningConfig())  # of process and learning
-    # Whether robots drive through cells, on the observed moves that it uses; None if it uses none
-    through: Callable[[Scenario], bool] | None = None
+    moves: bool = False  # whether it uses observed moves
+    through: Callable[[Scenario], bool] = lambda _: False  # whether these drive through cells
     most_robots: int = 10**6
     require: Callable[[Scenario], object] = lambda _: None  # refuses boards that are too large
     update: Callable[..., None] = q_learning  # see `learner`
@@ -99,7 +99,7 @@ class Method:
             )
         self.require(board)
         tables = build_process(board, process or self.settings(board)[0])
-        if self.through is not None:
+        if self.moves:
             optimum.require_paths_alone(tables)
 
     def with_settings(
@@ -178,7 +178,7 @@ METHODS: dict[str, Method] = {
             "Q-learning on moves observed in the co-simulation",
             use="fewest failures; default with obstacles, on large boards and for swarms",
             settings=_on_moves,
-            through=lambda _: False,
+            moves=True,
         ),
         Method(
             "shortest",
@@ -196,6 +196,7 @@ METHODS: dict[str, Method] = {
             "--through (2 robots)",
             "least time",
             _features("h", partner=True),
+            moves=True,
             through=lambda scenario: scenario.robots > 1,
             most_robots=2,
             compute=_fastest,
@@ -207,6 +208,7 @@ METHODS: dict[str, Method] = {
             "1 to 8",
             use="default for 3 to 8 robots",
             settings=_features("h", partner=False),
+            moves=True,
             through=lambda _: True,
             require=require_plannable,
             compute=GroupPolicy.computed,
@@ -354,7 +356,7 @@ def method_config(
     """
     board, _ = options.board(scenario, world)
     method = find_method(best_method(board) if method is None else method)
-    if worlds is not None and (moves or method.through is None or method.compute is not None):
+    if worlds is not None and (moves or not method.moves or method.compute is not None):
         raise _without_effect("worlds", method, "it does not learn from moves that it observes")
     if alone:
         _refuse_without_effect(method, board, scenario, seed, options, world)
@@ -366,7 +368,7 @@ def method_config(
     usual_process, usual_learning = method.settings(board)
     process, learning = process or usual_process, learning or usual_learning
     method.check(board, process)
-    if method.through is not None:
+    if method.moves:
         machine = options.machine
         fmu = machine.fmu(progress)
         config = with_motor(machine.config().sized(board.diameter_m), fmu)
@@ -404,10 +406,10 @@ def _refuse_without_effect(
         raise _without_effect("seed", method, "it is computed, and nothing is drawn")
     if world is not None and board == options.board(scenario)[0]:
         raise _without_effect("world", method, "a policy learns its obstacles, and it has none")
-    if options.preset != PAPER and same and method.through is None:
+    if options.preset != PAPER and same and not method.moves:
         raise _without_effect("preset", method, f"robots have the same size, and {none}")
     for name in ("motor_fmu", "motor_parameters"):
-        if getattr(options, name) and method.through is None:
+        if getattr(options, name) and not method.moves:
             raise _without_effect(name, method, none)
 
 

@@ -58,7 +58,7 @@ def _run_episodes(
     several, ahead = len(learning.tables) > 1, learning.ahead
     decisions = 0
     for episode in range(first, last):
-        block = episode // learning.epsilon_episodes
+        block = episode // learning.block
         threshold, eta = learning.epsilon_thresholds[block], learning.eta[block]
         place_randomly(process, world, cells, random)
         reset_plans(model, world, plans, random)

@@ -16,7 +16,14 @@ import msgspec
 import numpy as np
 
 from agent.mdp.config import ProcessConfig, refuse_without_effect
-from agent.mdp.exact import MAX_STARTS, Evaluation, cell_map, evaluate, evaluate_by, some_starts
+from agent.mdp.exact import (
+    MAX_STARTS,
+    Evaluation,
+    cell_map,
+    evaluate_on_grid,
+    evaluate_on_grid_by,
+    some_starts,
+)
 from agent.mdp.greedy import GreedyPolicy, greedy, on_grid
 from agent.mdp.interpretations import Process, build_process
 from agent.mdp.joint import BLOCKED, IMPOSSIBLE
@@ -133,9 +140,9 @@ class Policy(GreedyPolicy):
         """See `GreedyPolicy.q_values`."""
         return self.values[np.arange(len(self.values)), self.states(observation)]
 
-    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
+    def evaluate_on_grid(self, starts: np.ndarray | None = None) -> Evaluation:
         """See `GreedyPolicy.evaluate`."""
-        return evaluate(self.process, self.values, starts)
+        return evaluate_on_grid(self.process, self.values, starts)
 
     def digest(self) -> str:
         """Hash (16 hex digits) of the interpretations of the process and of all action values."""
@@ -194,13 +201,13 @@ class _OnTimes(GreedyPolicy):
         board = scenario.columns, scenario.rows, self.config.facings
         return self.values_at(numbered(seen, *board))
 
-    def evaluate(self, starts: np.ndarray | None = None) -> Evaluation:
+    def evaluate_on_grid(self, starts: np.ndarray | None = None) -> Evaluation:
         starts = some_starts(self.process, self.most_starts) if starts is None else starts
 
         def decide(cells: np.ndarray, axes: np.ndarray) -> np.ndarray:
             return greedy(self.values_at(np.stack([cells, cells, axes])), axes)
 
-        return evaluate_by(self.process, starts, decide)
+        return evaluate_on_grid_by(self.process, starts, decide)
 
     def alone_maps(self, board: Board, alone: np.ndarray) -> list[PolicyMap]:
         """Maps of each robot as if alone: minus its least time, the direction that leads to it."""

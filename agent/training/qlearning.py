@@ -118,7 +118,7 @@ def _run_episodes(
     several = len(learning.tables) > 1
     agent_steps = 0
     for episode in range(first, last):
-        block = episode // learning.epsilon_episodes
+        block = episode // learning.block
         threshold, eta = learning.epsilon_thresholds[block], learning.eta[block]
         # when a robot draws whether it explores: before it learns from a move, or before it moves
         early = threshold > np.uint64(0) and learning.ahead

@@ -14,6 +14,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
@@ -22,7 +23,7 @@ import numba
 from cosim.base.errors import UserError
 from cosim.base.jit import TRANSIENT, digest_of_sources
 from cosim.base.provenance import digest_of
-from cosim.base.storage import cache_dir, cached, temporary_folder, write_whole
+from cosim.base.storage import cache_dir, cached, write_whole
 from fmus.build import instantiation_token
 from fmus.compiler import SAME_BITS, compiler_command, fmi_headers, run_compiler, source_files
 from fmus.description import render_header
@@ -87,7 +88,7 @@ def _compile(kernels: Kernels, record: tuple[Any, ...]) -> bytes:
             "the kernels of this page are compiled by ziglang, which is missing: install the extra "
             "`build`; wheels have those of most pages of the paper's robot"
         )
-    with temporary_folder() as folder:
+    with TemporaryDirectory() as folder:
         work = Path(folder)
         (work / "asked").write_bytes(pickle.dumps((kernels, record)))
         command = [sys.executable, "-c", f"from {__name__} import main; main()"]

@@ -77,14 +77,11 @@ ScenarioName = Annotated[
         "swarm-256, swarm-1024) or a scenario file (.toml)."
     ),
 ]
-PresetName = Annotated[
-    str,
-    tyro.conf.arg(
-        metavar="NAME|FILE",
-        help="Machine: paper (Tables I and II), icra2006, thesis, kilobot, droplet, or a file "
-        "(.toml, see docs/own.md).",
-    ),
-]
+MACHINES = (
+    "paper (Tables I and II), droplet, hexbug, icra2006, kilobot, pogobot-brush, pogobot-rigid, "
+    "thesis, or a file (.toml, see docs/own.md)"
+)
+PresetName = Annotated[str, tyro.conf.arg(metavar="NAME|FILE", help=f"Machine: {MACHINES}.")]
 Friction = Annotated[
     Positive | None,
     tyro.conf.arg(help="Friction coefficient; by default the preset's, 0.15 for the paper."),

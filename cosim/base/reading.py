@@ -7,9 +7,7 @@ claimed.
 
 import contextlib
 import io
-import itertools
 import os
-import re
 import stat
 import tomllib
 import zipfile
@@ -22,18 +20,10 @@ import numpy as np
 
 from cosim.base.errors import FileError, UserError
 
-_OTHER_THAN_FILES = {
-    stat.S_IFDIR: "folder",
-    stat.S_IFCHR: "device",
-    stat.S_IFBLK: "device",
-    stat.S_IFIFO: "pipe",
-    stat.S_IFSOCK: "socket",
-}
 # Far above what is written here, far below what fills the memory.
 MAX_TEXT_BYTES = 2**26
 MAX_ARRAY_BYTES = 2**31  # all that are read of a file together, unpacked
 _LFS = b"version https://git-lfs.github.com/"
-MAX_KEY_PARTS = 32  # tomllib takes quadratic time and memory in the parts of a dotted key
 
 
 class Kind(NamedTuple):
@@ -52,7 +42,7 @@ def require_file(path: Path, kind: Kind) -> None:
     except OSError as error:
         raise FileError(f"{path}: {error.strerror}; {kind.fix}") from error
     if not stat.S_ISREG(mode):
-        what = _OTHER_THAN_FILES.get(stat.S_IFMT(mode), "special file")
+        what = "folder" if stat.S_ISDIR(mode) else "device or a pipe"
         raise FileError(f"{path}: a {what}, no {kind.name}; {kind.fix}")
     if not os.access(path, os.R_OK):
         raise FileError(f"{path}: you may not read it; change its permissions or {kind.fix}")
@@ -106,15 +96,6 @@ def read_json(path: Path, kind: Kind, form: Any = Any) -> Any:
 def read_toml(path: Path, kind: Kind) -> dict[str, Any]:
     """Tables of a TOML file, which users write: errors name the line."""
     content = read_bytes(path, kind)
-    for number, line in enumerate(content.splitlines(), 1):
-        # What ends in = or ] may be a key; each part of a line is looked at once.
-        parts = re.split(rb"([=\]{,\[])", line)
-        for part, end in itertools.pairwise(parts):
-            if end in {b"=", b"]"} and part.count(b".") >= MAX_KEY_PARTS:
-                raise FileError(
-                    f"{path}: line {number} has a key of more than {MAX_KEY_PARTS} parts; "
-                    "correct that line"
-                )
     try:
         return tomllib.loads(content.decode("utf-8-sig"))  # Windows editors begin files with a mark
     except (ValueError, RecursionError) as error:

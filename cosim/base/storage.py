@@ -1,17 +1,12 @@
 """The cache, which repairs itself, and writing that leaves a whole file or none."""
 
 import contextlib
-import functools
 import glob
 import hashlib
 import logging
 import os
 import re
 import secrets
-import shutil
-import tempfile
-import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any, BinaryIO, TypeVar
@@ -30,10 +25,6 @@ except ImportError:  # Windows, where open files cannot be removed
 
 _LOGGER = logging.getLogger(__name__)
 Value = TypeVar("Value")
-_FOLDERS = "minirobots-tmp-"  # beginning of the names of temporary folders
-_FOLDER_ONLY = getattr(os, "O_DIRECTORY", 0) | getattr(os, "O_NOFOLLOW", 0)
-_YOUNG_S = 60.0  # in which a new folder is locked
-_LOCK = threading.Lock()
 CACHE = "MINIROBOTS_CACHE"  # environment variable with another folder of the cache
 PACKAGED = Path(__file__).parents[1] / "packaged"  # results of the default configuration, by kind
 
@@ -210,29 +201,6 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         lock.close()
         temporary.unlink(missing_ok=True)
-
-
-def temporary_folder() -> "tempfile.TemporaryDirectory[str]":
-    """Make a temporary folder; what killed processes left of theirs is removed."""
-    with _LOCK:
-        return tempfile.TemporaryDirectory(dir=_folder_of_process().name)
-
-
-@functools.cache
-def _folder_of_process() -> "tempfile.TemporaryDirectory[str]":
-    """Folder with all temporary folders of this process, which is locked as long as it lives."""
-    there = Path(tempfile.gettempdir())
-    for old in there.glob(f"{_FOLDERS}*") if fcntl is not None else ():  # else all could be in use
-        with contextlib.suppress(OSError), contextlib.ExitStack() as stack:
-            handle = os.open(old, os.O_RDONLY | _FOLDER_ONLY)
-            stack.callback(os.close, handle)
-            lock_open(handle, wait=False)
-            if time.time() - os.fstat(handle).st_mtime > _YOUNG_S:
-                shutil.rmtree(old)
-    folder = tempfile.TemporaryDirectory(prefix=_FOLDERS)
-    with contextlib.suppress(OSError):  # of a file system without locks: nothing is removed there
-        lock_open(os.open(folder.name, os.O_RDONLY))
-    return folder
 
 
 PICTURE = ".png", ".pdf", ".svg"  # endings of pictures to write

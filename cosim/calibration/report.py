@@ -13,7 +13,6 @@ from cosim.base.plotting import styled
 from cosim.calibration.measuring import digest
 from cosim.calibration.speed_map import DIRECTIONS, DRIVES, TURNS, Calibration
 from cosim.model.config import CoSimConfig
-from cosim.model.params import STEERING
 
 _COLOURS = dict(zip(DIRECTIONS, (BLUE, VERMILION, SKY, ORANGE, GREEN, PURPLE), strict=True))
 DITHERS = ((True, ""), (False, "without dither"))
@@ -59,8 +58,12 @@ def report_of(calibration: Calibration, config: CoSimConfig, motor_fmu: Path) ->
 
 
 @styled
-def draw(calibration: Calibration, title: str) -> Figure:
-    """Speeds, yaw rates, and what speed differences and motor phases do."""
+def draw(calibration: Calibration, title: str, driven_rad_s: float) -> Figure:
+    """Speeds, yaw rates, and what speed differences and motor phases do.
+
+    Args:
+        driven_rad_s: speed of the motors of a robot that drives.
+    """
     figure = Figure(figsize=(10.0, 7.5), layout="constrained")
     (speeds, rates), (differences, phases) = figure.subplots(2, 2)
     figure.suptitle(title)
@@ -80,7 +83,7 @@ def draw(calibration: Calibration, title: str) -> Figure:
         axes.set(xlabel="motor speed, rad/s", ylabel=name)
         axes.legend()
     _draw_differences(differences, calibration)
-    _draw_phases(phases, calibration)
+    _draw_phases(phases, calibration, driven_rad_s)
     return figure
 
 
@@ -101,11 +104,11 @@ def _draw_differences(axes: Axes, calibration: Calibration) -> None:
     axes.legend()
 
 
-def _draw_phases(axes: Axes, calibration: Calibration) -> None:
+def _draw_phases(axes: Axes, calibration: Calibration, driven_rad_s: float) -> None:
     """Yaw rate over the initial phase between the motors at the speed nearest to that driven at."""
     speeds = calibration.set_speed_rad_s[~calibration.dithered]
     for primitive in ("forwards", "left_turn") if len(speeds) else ():
-        nearest = speeds[np.abs(speeds - STEERING.forward_speed_rad_s).argmin()]
+        nearest = speeds[np.abs(speeds - driven_rad_s).argmin()]
         same = calibration.primitive == list(DIRECTIONS).index(primitive)
         same &= (calibration.set_speed_rad_s == nearest) & (calibration.difference_rad_s == 0.0)
         for dithered, style in ((True, "o-"), (False, "x--")):

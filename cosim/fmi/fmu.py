@@ -20,6 +20,7 @@ from cosim.base.storage import cache_dir, load_or_create, require_programs
 MAX_BYTES = 2**30  # of all files of an FMU together, unpacked: far more than FMUs hold
 _PART_BYTES = 2**20  # that are read at once
 _NEEDED = ("modelDescription.xml", f"binaries/{fmpy.platform_tuple}/", "resources/")
+_BUILD = "export it again, or get one by `minirobots fmu motor --out .`"
 _LOG = logging.getLogger(__name__)
 # Violations of the standard in a modelDescription.xml that change no result: what they are about is
 # not read, or has one meaning all the same.
@@ -62,8 +63,7 @@ class Fmu:
             if isinstance(error, OSError) and error.errno != errno.EINVAL:
                 raise
             reason = " ".join(str(error).split())
-            fix = f"is broken ({reason}); build one with `python -m fmus.build`"
-            raise self.refusal(fix) from error
+            raise self.refusal(f"is broken ({reason}); {_BUILD}") from error
         version, found = self.description.fmiVersion, self.description.coSimulation
         if not str(version).startswith("3."):
             raise self.refusal(f"is FMI {version}; export it as FMI 3.0 Co-Simulation")
@@ -98,9 +98,8 @@ class Fmu:
             first, *rest = serious or problems or [""]
             more = f" and {len(rest)} more" if rest else ""
             if serious:
-                raise self.refusal(
-                    f"violates the standard ({first}{more}); build one with `python -m fmus.build`"
-                ) from error
+                what = f"violates the standard ({first}{more}); {_BUILD}"
+                raise self.refusal(what) from error
             if problems:
                 _LOG.warning("motor FMU %s violates the standard: %s%s", self.path, first, more)
             return description

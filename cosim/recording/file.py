@@ -17,6 +17,7 @@ import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import Any
 
@@ -28,7 +29,7 @@ import rerun_bindings
 from rerun.chunk import Chunk
 
 from cosim.base.errors import USER_ERROR_STATUS, UserError
-from cosim.base.storage import lock_alone, temporary_folder
+from cosim.base.storage import lock_alone
 
 APPLICATION = "minirobots"
 FLUSH_TIMEOUT_S = 30.0
@@ -105,7 +106,7 @@ class Kept:
     @cached_property
     def path(self) -> Path:
         """A file with it, written now, in a temporary folder that lives as long as this object."""
-        folder = temporary_folder()
+        folder = TemporaryDirectory()
         weakref.finalize(self, folder.cleanup)
         path = Path(folder.name) / "episode.rrd"
         self.write(path)

@@ -17,6 +17,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import msgspec
@@ -26,7 +27,7 @@ from rerun.chunk import Chunk, RrdReader
 
 from cosim.base.errors import FileError
 from cosim.base.reading import Kind, parsing, require_file
-from cosim.base.storage import replacing, require_suffix, temporary_folder
+from cosim.base.storage import replacing, require_suffix
 from cosim.model.scenario import Scenario
 from cosim.recording.file import Kept
 from cosim.recording.series import ENDED, GIVEN_UP, OUTCOME, STILL_RUNNING
@@ -105,7 +106,7 @@ def read_rrd(path: Path, without: Sequence[str] = ()) -> RecordingData:
         return _read_whole(path, path, without)
     except (RuntimeError, ValueError) as error:
         broken = error
-    with temporary_folder() as folder:
+    with TemporaryDirectory() as folder:
         repaired = Path(folder) / "repaired.rrd"
         # Only the command line skips a frame that was cut off.
         command = [sys.executable, "-m", "rerun", "rrd", "optimize", str(path), "-o", str(repaired)]

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 import tyro
 
 from cosim.base.arguments import ConfigError, require_names, validate_fields, validate_unique
-from cosim.base.command import Count, MotorFmuFile, MotorParameters, Seed
+from cosim.base.command import MACHINES, Count, MotorFmuFile, MotorParameters, Seed
 from cosim.base.progress import Progress, silent, under_way
 from cosim.model.config import (
     GIVEN,
@@ -33,10 +33,15 @@ AnyWorld = str | Path | World | Mapping[str, Any] | None  # as a user gives one
 class Physics:
     """Robots, motors and clock: what a calibration depends on."""
 
-    preset: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = PAPER
-    """Machine: paper (Tables I and II), icra2006, thesis, kilobot, droplet, or a file (.toml, see
-    docs/own.md). What a world says overrides what the machine brings along, and --mu and --noise
-    override both. Robots have the machine's diameter, which no scenario may contradict."""
+    preset: Annotated[
+        str,
+        tyro.conf.arg(
+            metavar="NAME|FILE",
+            help=f"Machine: {MACHINES}. What a world says overrides what the machine brings along, "
+            "and --mu and --noise override both. Robots have the machine's diameter, which no "
+            "scenario may contradict.",
+        ),
+    ] = PAPER
     mu: Amount | None = None
     """Coulomb friction coefficient of the feet on the floor (0.1 to 0.4 in the literature), 0.15 by
     default or as the preset says. Robots that touch each other have mu_robots of the preset."""

@@ -1,8 +1,8 @@
 """Effect of assumed values on the paper's policy in scenario 4, one at a time.
 
-    uv run python docs/examples/assumptions.py --episodes 50 --out runs/assumptions
+    uv run python docs/examples/assumptions.py --trainings 10 --episodes 5 --out runs/assumptions
 
-Every value has the same starts and noise. The same command continues after an interrupt.
+Every value has the same trainings, starts and noise. The same command continues after an interrupt.
 """
 
 import argparse
@@ -18,7 +18,8 @@ WORLD = {"restitution": [0.2], "motor_spread": [0.05]}
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--episodes", type=int, default=50)
+    parser.add_argument("--trainings", type=int, default=10)
+    parser.add_argument("--episodes", type=int, default=5, help="of each training")
     parser.add_argument("--jobs", type=int, default=-1)
     parser.add_argument("--out", type=Path, default=Path("runs/assumptions"))
     given = parser.parse_args()
@@ -34,7 +35,8 @@ def main() -> None:
         studies.append({"preset": [str(path) for path in presets]})
     for axis in studies:
         out = given.out / next(iter(axis))
-        table = mr.study("paper", "4", episodes=given.episodes, out=out, jobs=given.jobs, **axis)
+        how = {"trainings": given.trainings, "episodes": given.episodes, "jobs": given.jobs}
+        table = mr.study("paper", "4", out=out, **how, **axis)
         print(table.to_markdown())
 
 

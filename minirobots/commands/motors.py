@@ -208,7 +208,8 @@ class Calibrate(Command):
         write_json(out / "calibration.json", report)
         noise = config.noise.relative_amplitude
         title = f"{config.preset}, μ = {config.robot.mu:g}, noise ±{noise:.0%}"
-        save_figure(draw(calibration, title), out / "calibration.png", dpi=150)
+        picture = draw(calibration, title, config.steering.forward_speed_rad_s)
+        save_figure(picture, out / "calibration.png", dpi=150)
         heads = ("primitive", "motor speed", "mean", "scatter", "airborne")
         return Output(
             report,
@@ -230,9 +231,10 @@ class DrawMachines(Command):
     """
 
     machines: Annotated[
-        tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="NAME|FILE …")
+        tuple[str, ...],
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="NAME|FILE …", help=f"Machines: {opt.MACHINES}."),
     ] = (PAPER,)
-    """Machines: paper, icra2006, thesis, kilobot, droplet, or files (.toml)."""
     out: opt.File = Path("machines.png")
     """Picture to write (.png, .pdf or .svg)."""
 

@@ -117,7 +117,7 @@ class Train(Command):
             raise ConfigError(
                 f"--method {method.name}: it is computed, not trained; name a method that learns"
             )
-        if moves and not method.through:
+        if moves and not method.moves:
             raise ConfigError(
                 f"--moves {self.moves}: no effect on method {method.name}, which does not learn on "
                 "moves; leave it out, or choose --method moves"

@@ -68,7 +68,7 @@ def test_a_users_methods_learn_what_their_rules_say(fresh_cache):
     found = {}
     for rule in (sarsa, double_q):
         policy = agent.train("1a", method=rule, progress=None)
-        assert policy.evaluate().rate(Outcome.SUCCESS) == 1.0
+        assert policy.evaluate_on_grid().rate(Outcome.SUCCESS) == 1.0
         assert (policy.config.method, policy.kind) == (rule.name, "table")
         found[rule.name] = policy
     assert [len(policy.q) for policy in found.values()] == [1, 2]
@@ -81,7 +81,7 @@ def test_a_users_methods_learn_what_their_rules_say(fresh_cache):
 @pytest.mark.parametrize("name", ["docs.examples.sarsa:sarsa", "docs.examples.joint:joint"])
 def test_methods_of_the_examples_learn(name):
     policy = agent.train("1a", method=name, episodes=30_000, progress=None)
-    assert policy.evaluate().rate(Outcome.SUCCESS) == 1.0
+    assert policy.evaluate_on_grid().rate(Outcome.SUCCESS) == 1.0
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ def encrypted(path: Path, fmu: Path) -> None:
 
 
 reference = partial(attribute, '\\w+ (?=[^>]*name="omega_des")', "valueReference")
-BROKEN = r"mine\.fmu is broken \(.*build one with"
+BROKEN = r"mine\.fmu is broken \(.*export it again"
 # Of each kind, hostile files and what the sentence says that refuses them.
 FMUS: dict[str, tuple[Content, str]] = {
     "a deep description": (described(lambda _: "<a>" * 10**6), BROKEN),
@@ -127,8 +127,6 @@ POLICIES: dict[str, tuple[Content, str]] = {
     "nothing": ("", "damaged"),
 }
 
-DEEP = ".".join("a" * 20_000)
-QUOTED = '"a"'
 LARGE = "columns = 500\nrows = 500\n"
 CROWD = "".join(
     f"[[robots]]\ntarget = [{9 * k}, 250]\nstarts = [[0, 0, 3, 3]]\n" for k in range(50)
@@ -159,13 +157,6 @@ SCENARIOS: dict[str, tuple[Content, str]] = {
     "a number of a thousand digits": (f"rows = {'9' * 1000}\n" + ROBOT, "rows"),
     "a number of ten thousand digits": (f"rows = {'9' * 10**4}\n" + ROBOT, "TOML"),
     "arrays without end": ("a = " + "[" * 10**5, "TOML"),
-    "a key of twenty thousand parts": (
-        f"rows = 9\n{DEEP} = 1\n" + ROBOT, "line 2 has a key of more than 32 parts"
-    ),
-    "a table of twenty thousand parts": (f"[{DEEP}]", "line 1 has a key of more"),
-    "a quoted key of twenty thousand parts": (
-        f"a = {{{DEEP.replace('a', QUOTED)} = 1}}", "line 1 has a key of more"
-    ),
     "65 MiB": ("#" * (65 * 2**20), "larger than 64 MiB"),
     "bytes": (bytes(range(256)), "TOML"),
 }  # fmt: skip

@@ -1,6 +1,7 @@
 """Two episodes next to each other, and an episode as a video."""
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from PIL import Image
 import minirobots as mr
 from analysis.compare import compare, draw
 from cosim.base.colours import robot_colour
+from cosim.recording.reader import Signals
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +72,22 @@ def test_colours_are_robots_and_styles_episodes(recordings):
         np.testing.assert_array_equal(line.get_xydata(), places)
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == [*map(str, recordings)]
+
+
+def test_the_tenth_robot_has_its_own_colour(recordings):
+    one = mr.open(recordings[0])
+    position = one.signals["r1/position"]
+    places = {f"/sim/r{k}/position": position for k in range(1, 13)}
+    moved = position._replace(values=position.values + (position.time_s[:, None] > 1.0))
+    a, b = (
+        replace(one, robots=tuple(f"r{k}" for k in range(1, 13)), signals=Signals("", signals))
+        for signals in (places, places | {"/sim/r10/position": moved})
+    )
+    figure: Any = draw(a, b, compare(a, b))
+    _, curve = figure.axes
+    assert curve.get_title(loc="left") == "r10/position in m"
+    assert [line.get_color() for line in curve.lines] == 2 * [robot_colour(9)]
+    assert robot_colour(9) != robot_colour(1)
 
 
 def test_a_video_shows_the_robot_where_it_is(recordings, command, tmp_path):

@@ -64,7 +64,7 @@ def train_reference(
         _FLOAT(config.goal_reward),
         ctypes.c_double(config.approach_coefficient),
         _pointer(learning.epsilon_thresholds),
-        _INTEGER(learning.epsilon_episodes),
+        _INTEGER(learning.block),
         _pointer(state.q),
         _pointer(state.visits),
         _pointer(state.random),

@@ -129,8 +129,8 @@ def test_a_sample_of_the_starts_is_not_called_exact(near_policy, monkeypatch):
     """As of planned policies, which evaluate some of their starts only."""
     whole = grid.grid_row("whole", near_policy)
     assert (whole.starts, whole.success_low, whole.success_high) == (4, None, None)
-    sample = near_policy.evaluate(joint_starts(near_policy.process)[:2])
-    monkeypatch.setattr(type(near_policy), "evaluate", lambda _: sample)
+    sample = near_policy.evaluate_on_grid(joint_starts(near_policy.process)[:2])
+    monkeypatch.setattr(type(near_policy), "evaluate_on_grid", lambda _: sample)
     some = grid.grid_row("some", near_policy)
     assert (some.starts, some.success_low, some.success_high) == (2, *rate(2, 2)[1:])
     text = printed(grid.GridReport.show, grid.GridReport(rows=(whole, some), over_policies={}))

@@ -12,7 +12,7 @@ import pytest
 from agent.mdp import grid
 from agent.mdp import optimum as optimum_module
 from agent.mdp.config import ProcessConfig
-from agent.mdp.exact import evaluate, joint_starts
+from agent.mdp.exact import evaluate_on_grid, joint_starts
 from agent.mdp.interpretations import build_process
 from agent.mdp.optimum import optimum, ratios
 from agent.training.methods import method_config
@@ -115,7 +115,7 @@ def test_optimum_is_cached_whatever_does_not_matter_to_it(monkeypatch):
 def test_no_policy_beats_the_optimum():
     learning = LearningConfig(episodes=30_000, epsilon_episodes=10, greedy_points=0)
     policy, _, _ = find_or_make(PolicyConfig(crossing(), ProcessConfig(), learning, Seed(0)))
-    result = evaluate(policy.process, policy.values)
+    result = evaluate_on_grid(policy.process, policy.values)
     assert result.rate(Outcome.SUCCESS) > 0.0
     path_ratio, steps_ratio = ratios(policy.process, result)
     assert path_ratio >= 1.0 - 1e-12
@@ -138,7 +138,7 @@ SHORTEST = "shortest"
 
 
 def require_bound(policy):
-    result = evaluate(policy.process, policy.values)
+    result = evaluate_on_grid(policy.process, policy.values)
     assert (result.outcome == SUCCESS).all()
     bound, _ = optimum(policy.process).of_starts(result.starts, policy.config.scenario.rows)
     np.testing.assert_allclose(result.path_cells.mean(axis=1), bound, rtol=1e-12)

@@ -80,7 +80,7 @@ def test_groups_arrive_on_the_grid(name):
     assert isinstance(policy, GroupPolicy)
     assert log is None
     assert path.stat().st_size < 200_000
-    found = policy.evaluate(some_starts(policy.process, 3))
+    found = policy.evaluate_on_grid(some_starts(policy.process, 3))
     assert (found.outcome == SUCCESS).all()
 
 

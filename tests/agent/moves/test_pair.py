@@ -160,9 +160,9 @@ def test_it_is_read_back_and_drives_from_all_starts(policy, tmp_path):
     policy.save(tmp_path / "policy.npz")
     again = load_policy(tmp_path / "policy.npz", BOARD)
     assert again.digest() == policy.digest()
-    found = again.evaluate()
+    found = again.evaluate_on_grid()
     assert found.rate(Outcome.SUCCESS) == 1.0
-    assert found.steps.tolist() == policy.evaluate().steps.tolist()
+    assert found.steps.tolist() == policy.evaluate_on_grid().steps.tolist()
     values = [layer.value for layer in policy.maps()]
     assert [v[t] for v, t in zip(values, BOARD.targets, strict=True)] == [0.0, 0.0]
     np.savez(
@@ -246,7 +246,7 @@ def near(gap):
 @pytest.mark.parametrize("gap", [(5, 1), (5, 2), (5, 3), (4, 4)])
 def test_robots_park_at_targets_that_are_near(gap, method):
     policy = made(config(near(gap), method))
-    assert policy.evaluate().rate(Outcome.SUCCESS) == 1.0
+    assert policy.evaluate_on_grid().rate(Outcome.SUCCESS) == 1.0
 
 
 def test_training_counts_no_contact_where_robots_park():

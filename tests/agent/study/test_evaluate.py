@@ -25,6 +25,7 @@ from cosim.base.progress import silent
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import Outcome
 from cosim.model.params import TABLE_I
+from cosim.recording.reader import read_rrd
 from cosim.simulation.result import EpisodeResult
 from minirobots.commands.policies import Evaluate
 
@@ -92,6 +93,36 @@ def test_jobs_and_interruptions_change_nothing(whole, near_file, tmp_path):
     before = (tmp_path / FILE).read_bytes()
     run(near_file, tmp_path)
     assert (tmp_path / FILE).read_bytes() == before
+
+
+def test_recordings_keep_what_came_of_the_episode(whole):
+    out, report = whole
+    (recording,) = map(Path, report.rows[0].recordings)
+    result = msgspec.json.decode(rows(out)[int(recording.stem.split("-")[-2])], type=EpisodeResult)
+    assert read_rrd(recording).properties["result"] == {
+        "outcome": "success",
+        "path_length_cm": sum(result.path_length_cm_by_robot) / 2,
+        "rotation_deg": pytest.approx(sum(result.rotation_deg_by_robot) / 2),
+        "sim_time_s": result.sim_time_s,
+        "contact_time_s": 0.0,
+        "energy_j": result.energy_j,
+        "conflicts": result.conflicts,
+        "min_distance_cm": result.min_distance_cm,
+    }
+
+
+def test_paths_over_those_of_the_grid_begin_again_after_all_starts(case):
+    """As episodes of a claim do, each time with other noise."""
+    grid = case.policy.evaluate_on_grid(case.starts)
+    cells = grid.path_cells.mean(axis=1).tolist()
+    assert len({*cells}) > 1
+    short, long = cells.index(min(cells)), cells.index(max(cells))
+    lengths = {short: 2.5, len(cells) + long: 3.0, 2 * len(cells) + short: 4.0}
+    found = measures(
+        [(case, {k: msgspec.structs.replace(RESULT, path_length_cm=v) for k, v in lengths.items()})]
+    )
+    ratios = [2.5 / cells[short], 3.0 / cells[long], 4.0 / cells[short]]
+    assert found["path_ratio_to_grid"] == pytest.approx(sum(ratios) / 3)
 
 
 def test_failure_is_listed_and_recorded(near_file, tmp_path):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agent.mdp.config import ProcessConfig
-from agent.mdp.exact import evaluate, joint_starts
+from agent.mdp.exact import evaluate_on_grid, joint_starts
 from agent.mdp.interpretations import build_process
 from agent.study.grid import grid_row
 from agent.training.learning import build_learning, initial_state
@@ -124,7 +124,7 @@ def test_an_exact_evaluation_has_means_over_successes_alone():
     process = build_process(BOARD, config.process)
     values = np.zeros((2, process.state_count, 8), np.float32)
     values[0, :, EAST] = values[1, :, NORTH_EAST] = 1.0
-    found = evaluate(process, values)
+    found = evaluate_on_grid(process, values)
     episodes = [episode(starts) for starts in found.starts.tolist()]
     assert found.outcome.tolist() == [outcome for outcome, *_ in episodes]
     assert {*found.outcome.tolist()} == {SUCCESS, COLLISION, OUT_OF_BOARD}

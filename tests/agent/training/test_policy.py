@@ -11,7 +11,7 @@ import pytest
 
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
-from agent.mdp.exact import evaluate
+from agent.mdp.exact import evaluate_on_grid
 from agent.training.methods import method_config
 from agent.training.policy import Policy, PolicyConfig, Seed, load_policy
 from agent.training.settings import LearningConfig
@@ -41,7 +41,7 @@ def policy(request):
 
 def test_acting_on_observations_repeats_the_exact_evaluation(policy):
     process = policy.process
-    result = evaluate(process, policy.values)
+    result = evaluate_on_grid(process, policy.values)
     assert result.rate(Outcome.SUCCESS) > 0.5
     for k in range(len(result.outcome)):
         world = np.zeros((2, grid.COLUMN_COUNT), dtype=np.int64)
@@ -142,7 +142,9 @@ def test_a_second_call_finds_the_policy_and_its_curves():
     assert log.episode.tolist() == log.greedy_episode.tolist() == [1000, 2000, 3000, 4000, 5000]
     assert log.returns.shape == (5, 2)
     assert log.epsilon[[0, -1]] == pytest.approx([0.9 * 0.999**99, 0.0])
-    assert log.greedy_success[-1] == evaluate(policy.process, policy.values).rate(Outcome.SUCCESS)
+    assert log.greedy_success[-1] == evaluate_on_grid(policy.process, policy.values).rate(
+        Outcome.SUCCESS
+    )
 
 
 @pytest.mark.long
@@ -210,18 +212,18 @@ def test_tables_that_are_not_those_of_the_process_are_refused():
     with pytest.raises(UserError, match="do not fit"):
         replace(policy, q=np.full_like(policy.q, np.nan))
     with pytest.raises(UserError, match="are not those of the process"):
-        evaluate(policy.process, policy.values[:, :-1])
+        evaluate_on_grid(policy.process, policy.values[:, :-1])
     for evaluated in (policy, find_or_make(method_config("planned", CONFIG.scenario))[0]):
         with pytest.raises(UserError, match="off the board of 30 x 30 cells"):
-            evaluated.evaluate(np.array([[[15, 30], [15, 0]]]))
+            evaluated.evaluate_on_grid(np.array([[[15, 30], [15, 0]]]))
         with pytest.raises(UserError, match=r"are not \(K, 2, 2\)"):
-            evaluated.evaluate(np.array([[[15, 29]]]))
+            evaluated.evaluate_on_grid(np.array([[[15, 29]]]))
 
 
 @pytest.mark.long
 def test_scenario_2_reaches_100_percent_of_all_900_starts():
     policy, log, _ = find_or_make(msgspec.structs.replace(CONFIG, learning=LearningConfig()))
-    result = evaluate(policy.process, policy.values)
+    result = evaluate_on_grid(policy.process, policy.values)
     assert result.outcome.shape == (900,)
     assert result.rate(Outcome.SUCCESS) == 1.0
     # the exact optimum is 14.85 cm and 11.917 moves (agent.mdp.bound)

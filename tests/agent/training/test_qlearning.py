@@ -160,7 +160,7 @@ def test_kernel_schedule_is_the_documented_one_in_every_episode(episodes):
     config = LearningConfig(episodes=episodes, epsilon_episodes=100)
     learning = build_learning(config)
     all_episodes = np.arange(episodes)
-    kernel = learning.epsilon_thresholds[all_episodes // learning.epsilon_episodes] / 2.0**53
+    kernel = learning.epsilon_thresholds[all_episodes // learning.block] / 2.0**53
     assert kernel == pytest.approx(epsilon_of_episodes(config, all_episodes), abs=1e-15)
 
 

@@ -22,7 +22,12 @@ PROGRAM = next(
 # The first robot is a cell from its target, and the second one drives for long; where the floor
 # holds it, it hardly moves, so that no time at which a busy machine looks at it hides its world.
 BOARD = Scenario("near", "", ((9, 20), (22, 13)), (((9, 21),), ((27, 4),)), rows=26)
-PATCH = "[world]\nfloor_tilt_deg = 0.2\nmu_patches = [{cells = [20, 0, 29, 12], mu = 0.9}]\n"
+PATCH = """[world]
+floor_tilt_deg = 0.2
+mu = 0.17
+motor_speed_noise = 0.03
+mu_patches = [{cells = [20, 0, 29, 12], mu = 0.9}]
+"""
 # Keeps what the page tells its worker, the texts and discs of the last picture of the board in
 # pixels of the canvas, and the cells of maps.
 WATCHED = """
@@ -48,6 +53,27 @@ kind.clearRect = function (...box) {
   clear.apply(this, box);
 };
 """
+# Colours of the words of a plot's caption, and of its lines by the largest value.
+PLOTTED = """(() => {
+  const [canvas, caption] = ["canvas", "p"].map((kind) => document.createElement(kind)), lines = {};
+  document.body.append(canvas, caption);
+  const plot = new Plot(canvas, caption, "a", "b", ["ten", "four"]), g = canvas.getContext("2d");
+  const [to, stroke] = [g.lineTo, g.stroke];
+  let top = Infinity;
+  g.lineTo = (x, y) => { top = Math.min(top, y); to.call(g, x, y); };
+  g.stroke = () => { lines[top] = g.strokeStyle; top = Infinity; stroke.call(g); };
+  plot.add(0, [[0, 0]]);
+  plot.add(1, [[10, 4]]);
+  plot.draw(0);
+  const height = canvas.clientHeight, at = (value) => 6 + ((10 - value) / 10) * (height - 24);
+  const near = (value) => lines[Object.keys(lines).findLast((y) => Math.abs(y - at(value)) < 1e-6)];
+  const words = [...caption.querySelectorAll("b")].map((word) => word.style.color);
+  const hex = (colour) => { g.fillStyle = colour; return g.fillStyle; };
+  const found = [words.map(hex), { 10: near(10), 4: near(4) }];
+  canvas.remove();
+  caption.remove();
+  return found;
+})()"""
 OUTCOME = "document.getElementById('outcome').textContent"
 
 
@@ -141,6 +167,7 @@ def test_controls_do_what_they_say(tmp_path):
         page.select_option("#world", "1")
         page.wait_for_function(f"{OUTCOME} === 'ready'")
         assert "µ 0.9" in page.evaluate("texts.map(([[words]]) => words)")
+        assert [page.input_value(f"#{name}") for name in ("mu", "noise")] == ["0.17", "0.03"]
         _, world = find_in_world(BOARD, tmp_path / "patch.toml")
         _, seed = draw_episode(BOARD, 5, 0)
         drawn = draw_world(world, (TABLE_II, TABLE_II), 2, seed).tilt_direction_deg
@@ -149,6 +176,9 @@ def test_controls_do_what_they_say(tmp_path):
         other = after(8.0)
         moved = (math.dist(of["robots"][1], (0.275, 0.045)) for of in (own, other))
         assert next(moved) > 0.01 > 2.0 * next(moved)
+        # Curves have the colours of their names.
+        words, lines = page.evaluate(PLOTTED)
+        assert [lines[10], lines[4]] == words
         page.evaluate("document.getElementById('with-shield').hidden = false")  # here it has none
         page.uncheck("#shielded")
         page.check("#shielded")

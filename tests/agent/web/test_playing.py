@@ -1,6 +1,10 @@
 """Episodes that kernels alone play have the bits of a batch, and policies choose the same."""
 
+import json
+import math
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,13 +12,17 @@ import pytest
 
 from agent.mdp.config import ProcessConfig
 from agent.mdp.interpretations import build_process
+from agent.training.methods import method_config
 from agent.training.policy import GroupPolicy, PairPolicy, PolicyConfig, Seed, table_policy
 from agent.training.settings import LearningConfig
+from agent.training.store import find_or_make
 from agent.web import playing
+from agent.web.page import _html
 from agent.web.playing import deciding, new_play, start
 from cosim.model.config import CoSimConfig
 from cosim.model.outcome import BY_RANK
 from cosim.model.params import SHIELD
+from cosim.model.preset import find_preset
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Patch, Sensor, World
@@ -23,7 +31,7 @@ from cosim.onboard.observing import draw_starts
 from cosim.physics.draws import CAMERA_CHILD, DETOUR_CHILD, WORLD_CHILD, generator
 from cosim.physics.properties import GRAVITY
 from cosim.simulation.batch import Batch
-from cosim.simulation.options import DecisionOptions
+from cosim.simulation.options import DecisionOptions, Setup
 from cosim.simulation.rules import USED
 from tests.agent.moves.test_pair import MOVES
 
@@ -55,6 +63,24 @@ def uniform_numbers(play):
         detours.random(out=room[len(room) - used :])
         play.moves.counts[USED] = 0
         yield
+
+
+def test_legs_lead_from_their_tips_to_the_body():
+    robot = find_preset("pogobot-brush").config().robot
+    given = [foot.leg for foot in robot.feet if foot.leg]
+    legs = [leg._replace(lean_towards_deg=30.0 + 50.0 * k) for k, leg in enumerate(given)]
+    feet = tuple(foot._replace(leg=leg) for foot, leg in zip(robot.feet, legs, strict=True))
+    config = CoSimConfig(robot=robot._replace(feet=feet))
+    policy, *_ = find_or_make(method_config("shortest", NEAR))
+    page = _html(policy, Setup(NEAR, config, Path()), [], 0)
+    found = re.search(r'id="data">(.*)</script>', page)
+    assert found is not None
+    machine = json.loads(found[1])["machine"]
+    for (x, y), leg in zip(machine["legs"], legs, strict=True):
+        level_m = leg.length_m * math.sin(math.radians(leg.lean_deg))
+        towards = math.radians(leg.lean_towards_deg + 180.0)
+        assert (x, y) == pytest.approx((level_m * math.cos(towards), level_m * math.sin(towards)))
+    assert [place for _, place in machine["feet"]] == [[foot.x_m, foot.y_m] for foot in feet]
 
 
 def begin_at(play, starts):

@@ -92,7 +92,7 @@ def test_what_is_no_episode_is_refused_in_one_sentence(tmp_path, run_folder):
     for path, error in (
         (tmp_path / "none.rrd", r"no such recording; name an \.rrd file"),
         (tmp_path / "left.rrd", r"its writer left .*left\.rrd\.part"),
-        (Path("/dev/null"), "/dev/null: a device, no recording"),
+        (Path("/dev/null"), "/dev/null: a device or a pipe, no recording"),
         (tmp_path, "a folder, no recording"),
         (tmp_path / "empty.rrd", "not a readable Rerun recording"),
         (tmp_path / "broken.rrd", "not a readable Rerun recording"),

@@ -27,6 +27,8 @@ def test_page_shows_figures_tables_and_recordings(reproduction, tiny):
         assert str(escape(caption.ours[0])) in page
     assert "<td>episodes/4-moves/episodes/ep_000.rrd</td>" in page
     assert 'href="play.html"' in page
+    played = (reproduction / "report" / "play.html").read_text(encoding="utf-8")
+    assert "The policy is by the method moves." in played
     for label in ("scenario 1a", "scenario 4", "c = 1.5", "1a-paper/0", "4-moves/0", "dt_s"):
         assert label in page
     assert f"--runs {tiny.runs} --episodes {tiny.train_episodes} --seed 0" in page

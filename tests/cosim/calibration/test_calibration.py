@@ -2,12 +2,14 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim.base.errors import UserError
 from cosim.calibration.measuring import calibrated, digest, find_calibration, shares_of
+from cosim.calibration.report import draw
 from cosim.calibration.speed_map import DRIVES, TURNS, Calibration, load_calibration
 from cosim.calibration.trial import Trial, heading_angles
 from cosim.fmi.motor import MotorFmu
@@ -35,6 +37,29 @@ def test_faster_motors_move_faster_and_repeatably(calibration, name):
 def test_dither_removes_what_the_phases_do(calibration, manoeuvre, ratio):
     without = calibration.curve(manoeuvre, dithered=False)
     assert without.scatter.mean() > ratio * calibration.curve(manoeuvre).scatter.mean()
+
+
+def test_the_panel_of_phases_is_of_the_speed_that_the_machine_drives_at(calibration):
+    speeds = np.unique(calibration.set_speed_rad_s[~calibration.dithered])
+    for driven in (speeds[0] + 1.0, speeds[-1] - 1.0):
+        axes: Any = draw(calibration, "", driven).axes[3]
+        (nearest,) = (speed for speed in speeds if abs(speed - driven) == 1.0)
+        assert axes.get_title() == f"{nearest:.0f} rad/s"
+        lines = [
+            (name, place, dithered)
+            for name, place in (("forwards", 0), ("left_turn", 4))
+            for dithered in (True, False)
+        ]
+        for line, (name, place, dithered) in zip(axes.lines, lines, strict=True):
+            assert line.get_label() == f"{name}, {'with' if dithered else 'without'} dither"
+            rows = zip(
+                calibration.primitive, calibration.set_speed_rad_s, calibration.dithered,
+                calibration.difference_rad_s, strict=True,
+            )  # fmt: skip
+            chosen = [row == (place, nearest, dithered, 0.0) for row in rows]
+            columns = calibration.phase_rad[chosen], calibration.yaw_rate_rad_s[chosen]
+            assert len(columns[0]) > 1
+            np.testing.assert_allclose(line.get_xydata(), np.rad2deg(columns).T)
 
 
 def test_hop_free_speed_is_below_lift_off_and_met(calibration):

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from cosim.base.command import MACHINES
 from cosim.base.errors import UserError
 from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING, TABLE_I, TABLE_II
@@ -35,6 +36,7 @@ POGOBOTS = "pogobot-brush", "pogobot-rigid"
 
 def test_built_in_machines_state_what_is_published():
     assert built_in() == ["paper", "droplet", "hexbug", "icra2006", "kilobot", *POGOBOTS, "thesis"]
+    assert MACHINES.replace(" (Tables I and II)", "").split(", ")[:-2] == built_in()  # of --help
     assert find_preset("paper").config() == CoSimConfig()
     icra, thesis = (find_preset(name).config() for name in ("icra2006", "thesis"))
     assert (icra.robot.mu, icra.robot.diameter_m) == (0.4, 0.0365)
