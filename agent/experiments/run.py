@@ -18,7 +18,7 @@ from agent.experiments.results import (
 from agent.experiments.variants import ExperimentOptions, variants_of
 from agent.study.grid import report_of
 from agent.training.loop import learnt
-from agent.training.recording import require_tensorboard, write_events, write_runs
+from agent.training.recording import write_runs
 from agent.training.runs import RECORDING_FILE, RunsConfig, make_runs, run_name
 from agent.training.store import POLICY_FILE
 from cosim.base.jobs import PROCESSES, Workers
@@ -32,24 +32,17 @@ def train_and_evaluate(
     out: Path,
     *,
     where: Workers = PROCESSES,
-    log: Path | None = None,
     progress: Progress = silent,
 ) -> TrainingSummary:
     """Train the runs of one configuration, evaluate them and write `summary.json`.
 
     Args:
         out: folder, which may have some of the runs already.
-        log: folder of event files for TensorBoard, one in a folder for each run.
     """
-    if log is not None:
-        require_tensorboard()
     began, scenario = time.perf_counter(), config.scenario.name
     task = f"scenario {scenario}"
     results = make_runs(config, out, where=where, progress=progress, task=task)
     seconds = time.perf_counter() - began
-    if log is not None:
-        for number, (_, curves) in enumerate(results):
-            write_events(log / run_name(number), curves)
     if config.runs > 1:
         facts = {"scenario": scenario, "seed": config.seed}
         write_runs(out / RECORDING_FILE, [curves for _, curves in results], facts)

@@ -1,11 +1,8 @@
 """Training as Rerun recordings: learning curves, and maps of the tables at several moments.
 
-One run is `write_training`; the mean and the scatter of many runs are `write_runs`. TensorBoard
-reads the curves that `write_events` writes.
+One run is `write_training`; the mean and the scatter of many runs are `write_runs`.
 """
 
-import importlib.util
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +13,6 @@ import rerun as rr
 from agent.mdp.greedy import GreedyPolicy
 from agent.training.loop import TrainingLog
 from cosim.base.colours import robot_rgba
-from cosim.base.errors import UserError, installing
 from cosim.base.provenance import digest_of
 from cosim.recording.blueprint import training_blueprint
 from cosim.recording.file import Recording, scalars
@@ -73,32 +69,6 @@ def write_runs(path: Path, logs: Sequence[TrainingLog], facts: dict[str, Any]) -
         returns = [log._replace(returns=log.returns.mean(axis=1)) for log in logs]
         episode, table = joined(returns, "episode", "returns")
         _send_scatter(file, "return", episode, table, "mean over robots, mean ± σ")
-
-
-def require_tensorboard() -> None:
-    """Refuse to write event files that no package can write."""
-    if importlib.util.find_spec("tensorboardX") is None:
-        raise UserError(f"event files need tensorboardX; install it with `{installing('log')}`")
-
-
-def write_events(folder: Path, log: TrainingLog) -> None:
-    """Write the curves of one run as an event file of TensorBoard, in place of older ones.
-
-    The step of a point is its episode.
-    """
-    from tensorboardX import SummaryWriter  # noqa: PLC0415 - an extra
-
-    older = list(folder.glob("events.out.tfevents.*"))
-    with SummaryWriter(str(folder), filename_suffix=f".{len(older)}") as writer:
-        robots = zip(robot_names(log.returns.shape[1]), log.returns.T, strict=True)
-        curves = [(e, getattr(log, times), getattr(log, values)) for e, times, values, _ in _CURVES]
-        curves += [(f"return/{name}", log.episode, values) for name, values in robots]
-        for entity, episodes, values in curves:
-            for episode, value in zip(episodes.tolist(), values.tolist(), strict=True):
-                if math.isfinite(value):  # there is no path without a success
-                    writer.add_scalar(entity, value, episode)
-    for path in older:
-        path.unlink()
 
 
 def joined(logs: Sequence[TrainingLog], times: str, values: str) -> tuple[np.ndarray, np.ndarray]:

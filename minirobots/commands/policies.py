@@ -76,9 +76,6 @@ class Train(Command):
     motor_fmu: opt.MotorFmuFile = None
     motor_parameters: opt.MotorParameters = ()
     where: Where = PROCESSES
-    log: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder of event files for TensorBoard, with a folder for each run; by default none. It needs
-    the extra log."""
     process: ProcessConfig = field(default_factory=ProcessConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
 
@@ -136,8 +133,7 @@ class Train(Command):
         )
         settings = config.scenario, config.process, config.learning
         runs = RunsConfig(*settings, self.seed, self.runs, config.moves, config.method)
-        how = {"where": self.where, "log": self.log, "progress": progress}
-        summary = train_and_evaluate(runs, self.out, **how)
+        summary = train_and_evaluate(runs, self.out, where=self.where, progress=progress)
         more = ", and training.rrd of all runs" if self.runs > 1 else ""
         files = f"summary.json, run_*/policy.npz, training.npz, training.rrd{more}"
         return Output(summary, summary.show, f"results in {self.out}/: {files}")

@@ -113,8 +113,9 @@ def test_trainings_of_a_method_are_a_row_that_resumes(tmp_path, monkeypatch):
     brief = {"method": "paper", "learning": {"episodes": 4, "eta": 0.1}}
     how: dict[str, Any] = {"seed": 4, "trainings": 3, "time_limit": 40.0, "jobs": 1}
     how |= {"episodes": 4, "out": tmp_path, "progress": None}
-    study({"brief": brief}, NEAR, **how | {"trainings": 1})
-    (begun,) = study({"brief": brief}, NEAR, **how | {"budget_minutes": 0}).rows
+    one, late = ({**how, name: value} for name, value in (("trainings", 1), ("budget_minutes", 0)))
+    study({"brief": brief}, NEAR, **one)
+    (begun,) = study({"brief": brief}, NEAR, **late).rows
     assert (begun.trainings, begun.episodes, begun.planned) == (1, 4, 12)  # no time for others
     table = study({"brief": brief, "stubborn": Named()}, NEAR, **how)
     row, other = table.rows

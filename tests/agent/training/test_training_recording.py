@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from agent.mdp.config import ProcessConfig
 from agent.training.learning import map_points
 from agent.training.loop import learn
 from agent.training.policy import PolicyConfig, Seed
-from agent.training.recording import joined, write_events, write_runs, write_training
+from agent.training.recording import joined, write_runs, write_training
 from agent.training.settings import LearningConfig
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.blueprint import training_blueprint
@@ -118,14 +117,3 @@ def test_runs_are_joined_where_all_have_a_value(trained):
     episode, table = joined([holes, late], "episode", "path_length_cm")
     assert episode.tolist() == [3000, 4000]
     assert table.tolist() == [[1.0, 1.0], [1.0, 1.0]]
-
-
-def test_tensorboard_reads_the_curves_of_a_run_once(trained, tmp_path):
-    _, log = trained[0]
-    for _ in range(2):  # a run that is logged again has no point twice
-        write_events(tmp_path, log)
-    events = EventAccumulator(str(tmp_path)).Reload()
-    assert set(events.Tags()["scalars"]) >= {"success", "greedy/success", "return/r1"}
-    points = events.Scalars("success")
-    assert [point.step for point in points] == log.episode.tolist()
-    np.testing.assert_allclose([p.value for p in points], log.success, rtol=1e-6)
