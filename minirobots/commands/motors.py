@@ -19,7 +19,7 @@ from cosim.base.table import show, show_texts
 from cosim.model.preset import PAPER, find_preset
 from cosim.simulation.options import Physics
 from fmus.compiler import TARGETS, host_target
-from fmus.models import MODELS, STANDARDS, Fmi, Model
+from fmus.models import STANDARDS, Fmi, Model
 from minirobots.runner import Command, Output
 
 if TYPE_CHECKING:
@@ -435,11 +435,9 @@ class BuildFmus(Command):
     what: Annotated[
         tyro.conf.Positional[tuple[What, ...]], tyro.conf.arg(metavar="{motor,motors}")
     ] = ()
-    """What to build: models by their short names."""
+    """What to build; by default both."""
     out: opt.Folder
     """Folder that receives the files; made if missing."""
-    model: tuple[Model, ...] = MODELS
-    """Models to build if no model is named."""
     fmi: Literal["2", "3", "both"] | None = None
     """FMI standard to build for."""
     targets: tuple[TargetChoice, ...] = ("host",)
@@ -452,18 +450,11 @@ class BuildFmus(Command):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        others = self.what, self.fmi, self.model != MODELS, self.targets != ("host",)
+        others = self.what, self.fmi, self.targets != ("host",)
         if self.sources and any(others):
             raise UserError("--sources is compiled for this machine only; leave other options out")
-        if self.what and self.model != MODELS:
-            raise UserError("--model has no effect where models are named first; leave one out")
-        if self.fmi == "2" and self.models == ("VibrationMotors",):
-            raise UserError("FMI 2 has no arrays, which VibrationMotors needs; use --fmi 3")
-
-    @property
-    def models(self) -> tuple[Model, ...]:
-        """Requested models."""
-        return tuple(SHORT_NAMES[name] for name in self.what) or self.model
+        if self.fmi == "2" and self.what == ("motors",):
+            raise UserError("FMI 2 has no arrays, which motors need; use --fmi 3")
 
     def run(self, progress: Progress) -> Output:
         if self.sources:
@@ -481,7 +472,7 @@ class BuildFmus(Command):
         given = [TARGETS if choice == "all" else (choice,) for choice in self.targets]
         names = [host_target() if name == "host" else name for some in given for name in some]
         files: list[Path] = []
-        for model in self.models:
+        for model in [SHORT_NAMES[name] for name in self.what or SHORT_NAMES]:
             paths: dict[Fmi, Path] = {
                 fmi: self.out / (f"{model}_fmi{fmi}.fmu" if self.fmi else f"{model}.fmu")
                 for fmi in STANDARDS[model]

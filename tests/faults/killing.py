@@ -210,7 +210,7 @@ def cases(trained: Path, reproduced: Path) -> dict[str, Case]:
         ),
         "study": Case(("-m", "minirobots", "study", str(study), "--jobs", "2", "--out", "OUT")),
         "report": Case(("-c", REPORT, str(results), "OUT")),
-        "FMU": Case(("-m", "minirobots", "fmu", "--model", "VibrationMotor", "--out", "OUT")),
+        "FMU": Case(("-m", "minirobots", "fmu", "motor", "--out", "OUT")),
         "kernels": Case(
             ("-m", "minirobots", "train", "--jobs", "1", "--out", "OUT", "--scenario", "1a",
              "--learning.episodes", "2000"),

@@ -25,7 +25,7 @@ TRAIN = ("-m", "minirobots", "train", "--jobs", "1", "--scenario", "1a",
 COMMANDS = {
     "excitation": ("-m", "minirobots", "identify-robot", "--excite", "OUT/a.csv"),
     "training": (*TRAIN, "--out", "OUT/a"),
-    "FMU": ("-m", "minirobots", "fmu", "--model", "VibrationMotor", "--out", "OUT/a"),
+    "FMU": ("-m", "minirobots", "fmu", "motor", "--out", "OUT/a"),
 }
 # What is done before a command starts in its process.
 Prepare = Callable[[], None] | None

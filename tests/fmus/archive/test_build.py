@@ -253,7 +253,7 @@ def test_command_writes_the_named_files(command, tmp_path):
         ("--fmi", "both"): {"VibrationMotor_fmi2.fmu", three, "VibrationMotors_fmi3.fmu"},
         (): {one, "VibrationMotors.fmu"},
         ("motor",): {one},
-        ("--model", "VibrationMotors", "--fmi", "3"): {"VibrationMotors_fmi3.fmu"},
+        ("motors", "--fmi", "3"): {"VibrationMotors_fmi3.fmu"},
     }
     for number, (arguments, names) in enumerate(lines.items()):
         out = tmp_path / str(number)
@@ -266,8 +266,7 @@ def test_command_writes_the_named_files(command, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("--model VibrationMotors --fmi 2 --out OUT", "use --fmi 3"),
-        ("motors --model VibrationMotor --out OUT", "--model has no effect"),
+        ("motors --fmi 2 --out OUT", "use --fmi 3"),
         ("--out OUT/file/sub", "choose another place"),
     ],
 )
