@@ -70,6 +70,21 @@ def test_finished_stages_are_kept_and_lost_ones_made_again(out, tiny, monkeypatc
     assert (kept.stat().st_mtime_ns, policy.stat().st_mtime_ns) == before
 
 
+def test_stages_of_another_version_are_made_again(out, tiny, monkeypatch):
+    timings = Timings(out / "results", tiny, 0)
+    assert timings.finished("platform")
+    monkeypatch.setattr("analysis.timings.made_by", lambda: "another")
+    assert not timings.finished("platform")
+
+
+def test_a_seed_is_that_of_all_that_is_drawn(tmp_path):
+    for result in RESULTS.values():
+        if result.maker in ("run", "experiments"):
+            options = command_of(result, tmp_path, FULL, 3, 1)
+            assert getattr(options, "train_seed", 3) == 3
+            assert getattr(options, "seed", None) == 3 or options.physics.seed == 3
+
+
 def test_the_experiment_prints_json_and_keeps_its_runs(out, command):
     folder = RESULTS["fig08"].location(out / "results")
     before = json.loads((folder / "results.json").read_text())

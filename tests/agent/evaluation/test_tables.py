@@ -3,8 +3,10 @@
 import contextlib
 import io
 import re
+from dataclasses import replace
 from typing import Any
 
+import msgspec
 import pytest
 
 from agent.evaluation.rows import Failure, Row, columns_of
@@ -175,3 +177,12 @@ def test_effects_of_a_factorial_are_means_over_the_combinations_that_share_a_lev
     assert effects["all c2"]["success"].mean == pytest.approx(0.1)
     assert effects["all c2"]["success"].runs == 2
     assert effects["zone c2"]["success"].mean == pytest.approx(0.4)
+
+
+def test_paths_on_the_grid_are_in_centimetres_whatever_cells_measure(near_policy):
+    config = near_policy.config
+    board = replace(config.scenario, cell_m=0.02, robot_diameter_m=2.0 * config.scenario.diameter_m)
+    wide = replace(near_policy, config=msgspec.structs.replace(config, scenario=board))
+    usual, other = (grid.grid_row("", policy).path_length_cm for policy in (near_policy, wide))
+    assert usual is not None
+    assert other == pytest.approx(2.0 * usual)

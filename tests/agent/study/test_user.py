@@ -25,11 +25,13 @@ from agent.training.policy import Policy
 from agent.training.settings import LearningConfig
 from agent.training.store import find_or_make
 from cosim.base.errors import UserError
+from cosim.base.progress import silent
 from cosim.base.provenance import identity_of
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario_file import find_in_world, find_scenario
 from cosim.model.world import World
 from cosim.simulation.simulate import draw_episode, simulate
+from minirobots.commands.policies import Study
 from tests.agent.conftest import NEAR
 
 LIMIT_S = 4.0
@@ -406,3 +408,16 @@ def test_a_policy_that_fails_is_named_in_one_line(error):
     said = r"policy Failing failed \((RuntimeError: lost its way|SystemExit: 0)\)"
     with pytest.raises(UserError, match=said):
         evaluate(Failing(error), NEAR, starts=1, jobs=1)
+
+
+def test_commands_refuse_more_starts_and_draw_what_is_asked(
+    near_file, table, command, tmp_path, monkeypatch
+):
+    done = command("evaluate", near_file, "--starts", 5, "--out", tmp_path)
+    assert (done.returncode, "only 4 starts, not 5" in done.stderr) == (2, True)
+    drawn: list[tuple[Any, ...]] = []
+    monkeypatch.setattr("agent.study.user.study", lambda **_: table)
+    monkeypatch.setattr(Report, "write", lambda _, path, *quantity: drawn.append((path, *quantity)))
+    (tmp_path / "s.toml").write_text('policies = ["shortest"]\n')
+    Study(file=tmp_path / "s.toml", out=tmp_path, quantity="energy_j").run(silent)
+    assert drawn == [(tmp_path / "study.png", "energy_j")]

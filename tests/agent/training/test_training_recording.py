@@ -1,7 +1,11 @@
 """Training recordings: maps at several moments, mean and scatter over runs, no empty views."""
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 import pytest
+import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
 from agent.mdp.config import ProcessConfig
@@ -9,9 +13,13 @@ from agent.training.learning import map_points
 from agent.training.loop import learn
 from agent.training.policy import PolicyConfig, Seed
 from agent.training.recording import joined, write_runs, write_training
+from agent.training.runs import RECORDING_FILE, RunsConfig, make_runs
 from agent.training.settings import LearningConfig
+from agent.training.store import POLICY_FILE
+from cosim.base.jobs import Workers
 from cosim.model.scenario_file import find_scenario
 from cosim.recording.blueprint import training_blueprint
+from cosim.recording.reader import read_rrd
 
 LEARNING = LearningConfig(episodes=4000, epsilon_episodes=10, greedy_points=5)
 
@@ -117,3 +125,28 @@ def test_runs_are_joined_where_all_have_a_value(trained):
     episode, table = joined([holes, late], "episode", "path_length_cm")
     assert episode.tolist() == [3000, 4000]
     assert table.tolist() == [[1.0, 1.0], [1.0, 1.0]]
+
+
+def test_maps_are_seen_whole_with_their_colour_bars():
+    def maps_in(part: Any) -> Iterator[Any]:
+        if isinstance(part, rrb.Spatial2DView):
+            yield part
+        elif not isinstance(part, str):
+            for inner in part.contents or ():
+                yield from maps_in(inner)
+
+    maps = [*maps_in(training_blueprint(2, 30, 20).root_container)]
+    assert len(maps) == 6
+    for view in maps:
+        (seen,) = view.properties["VisualBounds2D"].range.as_arrow_array().to_pylist()
+        assert seen == {"x_range": [-1.0, 36.0], "y_range": [-2.0, 22.0]}
+
+
+def test_a_run_that_is_trained_later_says_which_one_it_is(tmp_path):
+    common = RunsConfig(find_scenario("1a"), ProcessConfig(), LEARNING, 0, 3)
+    make_runs(common, tmp_path, where=Workers(jobs=1))
+    (tmp_path / "run_001" / POLICY_FILE).unlink()
+    make_runs(common, tmp_path, where=Workers(jobs=1))
+    for number in range(3):
+        facts = read_rrd(tmp_path / f"run_{number:03d}" / RECORDING_FILE).properties["training"]
+        assert (facts["run"], facts["seed"]) == (number, 0)

@@ -74,6 +74,20 @@ PLOTTED = """(() => {
   caption.remove();
   return found;
 })()"""
+# Lines of a robot's legs, from root to tip, which has moved by what it is bent by.
+LEGS = """(() => {
+  const feet = [[0.01, 0.005], [-0.01, 0.005], [-0.01, -0.005]].map((at, k) => [`F${k}`, at]);
+  const legs = [[1e-3, 0], [2e-3, 0], [3e-3, 0]];
+  const machine = { motors: [], feet, legs, enlarged: 10 };
+  const board = Object.create(Board.prototype), scenario = { diameter_m: 0.05 }, lines = [];
+  const g = document.createElement("canvas").getContext("2d");
+  Object.assign(board, { g, scale: 1, scenario, machine });
+  board.line = (points) => lines.push(points);
+  board.text = () => {};
+  const bent = [...Array(9).keys()].map((k) => 1e-4 * k);
+  board.drawRobot({ x: 0, y: 0, heading: 0, theta: [], bent }, 0, true);
+  return lines.slice(1);
+})()"""
 OUTCOME = "document.getElementById('outcome').textContent"
 
 
@@ -179,6 +193,10 @@ def test_controls_do_what_they_say(tmp_path):
         # Curves have the colours of their names.
         words, lines = page.evaluate(PLOTTED)
         assert [lines[10], lines[4]] == words
+        feet = (0.01, 0.005), (-0.01, 0.005), (-0.01, -0.005)
+        for k, ((root, tip), (x, y)) in enumerate(zip(page.evaluate(LEGS), feet, strict=True)):
+            assert root == pytest.approx([x + 1e-3 * (k + 1), y])
+            assert tip == pytest.approx([x + 3e-3 * k, y + 3e-3 * k + 1e-3])
         page.evaluate("document.getElementById('with-shield').hidden = false")  # here it has none
         page.uncheck("#shielded")
         page.check("#shielded")

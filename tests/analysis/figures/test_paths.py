@@ -72,6 +72,8 @@ def test_cycle_is_one_turn(cycle):
 
 def test_forces_of_a_cycle_keep_coulombs_law_and_newtons(cycle):
     assert (np.abs(cycle.friction_n) <= cycle.holds_n * (1.0 + 1e-6)).all()
+    # It is what holds the body back, along x.
+    assert np.corrcoef(cycle.friction_n, cycle.driving_n)[0, 1] < -0.5
     # On average over a turn the floor bears the weight.
     weight = (TABLE_I.mass_kg + 2.0 * TABLE_II.m) * TABLE_II.g
     assert cycle.normal_n.sum(axis=1).mean() == pytest.approx(weight, rel=0.1)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from agent.envs.drive import set_points
 from cosim.base.errors import UserError
 from cosim.calibration import primitives
-from cosim.calibration.measuring import calibrated, shares_of
+from cosim.calibration.measuring import calibrated, points, shares_of
 from cosim.calibration.primitives import (
     DIRECTIONS,
     Primitive,
@@ -253,3 +253,28 @@ def test_the_table_says_how_well_a_primitive_repeats_itself(config):
     assert ahead[4:] == ("25.0%", "900 -800")
     assert turn[0] == "left turn in a circle of 20 mm"
     assert turn[3] == f"{math.degrees(0.5):.2f} ± {half:.2f} (σ 1.00)"
+
+
+def test_of_two_circles_the_wider_one_counts(config):
+    curves = {"left_turn": (2e-3, 0.1, 0.02), "right_turn": (4e-3, -0.05, 0.08)}
+    for order in (1, -1):
+        pair = dict(zip(curves, [*curves.values()][::order], strict=True))
+        sides = {
+            name: primitive(ahead, 0.0, abs(rate) * DIRECTIONS[name][2])
+            for name, (ahead, rate, _) in pair.items()
+        }
+        steering = steered(config, found(**sides)).steering
+        lengths_m = steering.turn_radius_m, steering.lookahead_m, steering.least_lookahead_m
+        assert lengths_m == pytest.approx((0.08, 0.16, 0.08))
+
+
+def test_no_trial_asks_more_of_a_motor_than_it_has(config):
+    motors = tuple(
+        mount._replace(own=(("V_s_max", 0.6 + 0.05 * k),))
+        for k, mount in enumerate(config.robot.motors)
+    )
+    uneven = steered(replace(config, robot=config.robot._replace(motors=motors)), found())
+    largest = np.array(uneven.top_speeds_rad_s)
+    assert largest.min() < 0.9 * largest.max()
+    asked = [np.abs(p.set_speed * np.array(shares_of(uneven, p.primitive))) for p in points(uneven)]
+    assert (np.array(asked) <= largest * (1.0 + 1e-9)).all()

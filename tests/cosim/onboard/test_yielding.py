@@ -12,7 +12,15 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD, TIMING
 from cosim.model.scenario import Scenario
 from cosim.onboard.features import DIRECTIONS
-from cosim.onboard.yielding import NEAREST_FIRST, WAIT, board_of, line_to_line, permitted
+from cosim.onboard.observing import area_of
+from cosim.onboard.yielding import (
+    NEAREST_FIRST,
+    WAIT,
+    _from_edge,
+    board_of,
+    line_to_line,
+    permitted,
+)
 from cosim.simulation import rules
 from cosim.simulation.rules import adopt
 from tests import alone
@@ -97,3 +105,12 @@ def test_the_monitor_alone_keeps_robots_apart(motor_fmu, monkeypatch):
 def test_what_the_shield_cannot_go_with_is_refused():
     with pytest.raises(ConfigError, match="keep their course"):
         CoSimConfig(shield=SHIELD, open_loop=("heading",))
+
+
+def test_a_board_that_is_not_square_has_its_own_edges_and_columns():
+    wide = Scenario("wide", "", ((35, 5),), (((3, 5),),), 40, 20, zone=(18, 8, 21, 11))
+    board = board_of(wide)
+    places = {(0.3, 0.1): 0.1, (0.38, 0.1): 0.02, (0.3, 0.17): 0.03, (0.01, 0.1): 0.01}
+    for point, away_m in places.items():
+        assert _from_edge(board, point) == pytest.approx(away_m)
+    assert area_of(wide, camera=True).most_m == pytest.approx((0.4, 0.2))

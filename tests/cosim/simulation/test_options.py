@@ -1,5 +1,7 @@
 """One resolution of options: scenario, world, machine and options make a setup."""
 
+from typing import Any
+
 import pytest
 
 from cosim.base.arguments import ConfigError
@@ -9,7 +11,13 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import SHIELD
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import World
-from cosim.simulation.options import EpisodeOptions, SimulationOptions, differing, resolve
+from cosim.simulation.options import (
+    EpisodeOptions,
+    Physics,
+    SimulationOptions,
+    differing,
+    resolve,
+)
 from minirobots.commands.episodes import Run, slowed
 
 
@@ -72,3 +80,10 @@ def test_what_differs_from_the_default_is_listed_and_slow_robots_are_explained()
     assert slowed(slower).startswith(
         "robots drive 2.2 mm/s, not 3.9: the largest speed without hopping (mu = 0.3)"
     )
+
+
+def test_a_communication_step_is_its_own_and_a_machine_has_its_motors():
+    timing = Physics(dt=1e-5, communication_step=1e-4).config().timing
+    assert (timing.dt_s, timing.communication_step_s) == (1e-5, 1e-4)
+    motors: Any = {"preset": "kilobot", "motor_parameters": (("J", 6e-9),)}
+    assert Physics(mu=0.3, reaction=True, **motors).machine == Physics(**motors)

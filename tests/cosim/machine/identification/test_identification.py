@@ -194,6 +194,15 @@ def test_the_excitation_runs_each_motor_alone(tmp_path, command):
     assert {tuple(row) for row in running[running.sum(axis=1) == 1]} == set(map(tuple, np.eye(3)))
 
 
+def test_the_excitation_of_a_motor_is_of_its_own_lift_off():
+    config = find_preset("paper").config()
+    motors = zip(config.robot.motors, (2.1e-4, 1.05e-4), strict=True)
+    own = tuple(mount._replace(own=(("m", m),)) for mount, m in motors)
+    robot = config.robot._replace(motors=own, masses_included=True)
+    largest = np.abs(excitation(replace(config, robot=robot))).max(axis=0)
+    assert largest[1] / largest[0] == pytest.approx(math.sqrt(2.0), rel=1e-3)
+
+
 def write_track(path, track):
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
