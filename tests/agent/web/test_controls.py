@@ -2,11 +2,13 @@
 
 import math
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 from playwright.sync_api import sync_playwright
 
+from agent import web
 from agent.web.page import write_page
 from cosim.model.params import TABLE_I, TABLE_II
 from cosim.model.scenario import Scenario
@@ -190,13 +192,6 @@ def test_controls_do_what_they_say(tmp_path):
         other = after(8.0)
         moved = (math.dist(of["robots"][1], (0.275, 0.045)) for of in (own, other))
         assert next(moved) > 0.01 > 2.0 * next(moved)
-        # Curves have the colours of their names.
-        words, lines = page.evaluate(PLOTTED)
-        assert [lines[10], lines[4]] == words
-        feet = (0.01, 0.005), (-0.01, 0.005), (-0.01, -0.005)
-        for k, ((root, tip), (x, y)) in enumerate(zip(page.evaluate(LEGS), feet, strict=True)):
-            assert root == pytest.approx([x + 1e-3 * (k + 1), y])
-            assert tip == pytest.approx([x + 3e-3 * k, y + 3e-3 * k + 1e-3])
         page.evaluate("document.getElementById('with-shield').hidden = false")  # here it has none
         page.uncheck("#shielded")
         page.check("#shielded")
@@ -204,4 +199,21 @@ def test_controls_do_what_they_say(tmp_path):
         begun = page.evaluate("told.filter((m) => m.action === 'begin')")
         asked = [(each["world"], each["options"]["shielded"]) for each in begun]
         assert asked == [(0, True), (1, True), (1, False), (1, True), (0, True)]
+        browser.close()
+
+
+@pytest.mark.browser
+def test_curves_have_the_colours_of_their_names_and_legs_their_own_bend():
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=PROGRAM, args=["--no-sandbox"])
+        page = browser.new_page()
+        for script in ("board.js", "plot.js"):
+            page.add_script_tag(path=Path(web.__file__).with_name("page") / script)
+        words, lines = page.evaluate(PLOTTED)
+        assert [lines["10"], lines["4"]] == words
+        assert len({*words}) == 2
+        feet = (0.01, 0.005), (-0.01, 0.005), (-0.01, -0.005)
+        for k, ((root, tip), (x, y)) in enumerate(zip(page.evaluate(LEGS), feet, strict=True)):
+            assert root == pytest.approx([x + 1e-3 * (k + 1), y])
+            assert tip == pytest.approx([x + 3e-3 * k, y + 3e-3 * k + 1e-3])
         browser.close()
