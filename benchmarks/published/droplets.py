@@ -243,5 +243,5 @@ def draw(robots: list[dict[str, Any]]) -> Figure:
     label = f"simulated at its driving speed: μ = {SHOWN.mu:g}, {1e3 * SHOWN.spin_up_s:.0f} ms"
     axes.plot(drive, found, "x", color=BLUE, label=label)
     axes.set(xlabel="driving, mm/s", ylabel="turning, °/s", xlim=(0.0, None), ylim=(0.0, None))
-    axes.legend()
+    axes.legend(loc="upper left")  # where no robot is
     return figure

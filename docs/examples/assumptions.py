@@ -24,7 +24,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/assumptions"))
     given = parser.parse_args()
     studies = [{name: values} for name, values in OPTIONS.items()]
-    studies += [{"world": [{name: v} for v in values]} for name, values in WORLD.items()]
+    worlds = [{name: value} for name, values in WORLD.items() for value in values]
+    studies += [{"world": worlds}] if worlds else []
     paper = cosim.find_preset("paper")
     for name, values in MACHINE.items():
         presets = []
