@@ -106,7 +106,7 @@ def test_examples_of_docstrings_hold(tmp_path, monkeypatch):
 @pytest.mark.long
 def test_assumptions_are_varied_one_at_a_time(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["assumptions", "--episodes", "1"])
+    monkeypatch.setattr(sys, "argv", ["assumptions", "--trainings", "1", "--episodes", "1"])
     monkeypatch.setattr(assumptions, "OPTIONS", {"noise": [0.1]})
     monkeypatch.setattr(assumptions, "WORLD", {})
     monkeypatch.setattr(assumptions, "MACHINE", {"com_height_m": [0.01]})
