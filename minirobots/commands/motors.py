@@ -19,7 +19,7 @@ from cosim.base.table import show, show_texts
 from cosim.model.preset import PAPER, find_preset
 from cosim.simulation.options import Physics
 from fmus.compiler import TARGETS, host_target
-from fmus.models import STANDARDS, Fmi, Model
+from fmus.models import MODELS, STANDARDS, Fmi, Model
 from minirobots.runner import Command, Output
 
 if TYPE_CHECKING:
@@ -472,7 +472,8 @@ class BuildFmus(Command):
         given = [TARGETS if choice == "all" else (choice,) for choice in self.targets]
         names = [host_target() if name == "host" else name for some in given for name in some]
         files: list[Path] = []
-        for model in [SHORT_NAMES[name] for name in self.what or SHORT_NAMES]:
+        models: list[Model] = [SHORT_NAMES[name] for name in self.what] or [*MODELS]
+        for model in models:
             paths: dict[Fmi, Path] = {
                 fmi: self.out / (f"{model}_fmi{fmi}.fmu" if self.fmi else f"{model}.fmu")
                 for fmi in STANDARDS[model]
