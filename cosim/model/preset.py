@@ -27,6 +27,7 @@ from cosim.model.config import CoSimConfig, not_calibrated, proportional
 from cosim.model.params import (
     MAX_FEET,
     MAX_MOTORS,
+    MAX_VALUE,
     STEERING,
     TABLE_I,
     TABLE_II,
@@ -216,19 +217,21 @@ class _Motor(msgspec.Struct, forbid_unknown_fields=True):
 
 
 _OF_BEAM = ("diameter_m", "young_pa", "count")
+_Length = Annotated[float, Meta(ge=1e-6, le=10.0)]
+_Stiffness = Annotated[float, Meta(ge=1e-3, le=MAX_VALUE)]
 
 
 class _Foot(msgspec.Struct, forbid_unknown_fields=True):
     place_m: Annotated[list[_Near], Meta(min_length=2, max_length=3)]
     mu: Amount | None = None
     # Of an elastic leg; stiffness is given, or follows from `_OF_BEAM`
-    length_m: Positive | None = None
+    length_m: _Length | None = None
     lean_deg: Lean | None = None
     lean_towards_deg: Turn | None = None
-    axial_n_m: Positive | None = None
-    bending_n_m: Positive | None = None
-    diameter_m: Positive | None = None
-    young_pa: Annotated[float, Meta(gt=0.0, le=1e13)] | None = None
+    axial_n_m: _Stiffness | None = None
+    bending_n_m: _Stiffness | None = None
+    diameter_m: _Length | None = None
+    young_pa: Annotated[float, Meta(ge=1e3, le=1e13)] | None = None
     count: Annotated[int, Meta(ge=1, le=100_000)] | None = None
     relaxation_s: Positive | None = None
     damping_ratio: Positive | None = None
@@ -245,7 +248,8 @@ def _preset(name: str, content: dict[str, Any]) -> Preset:
         tables["motor"] = file.motor
     if file.foot is not None:
         body = validate_argument("body", file.body, dict[str, Any])
-        tree["feet"] = _feet(file.foot, body.get("mass_kg", TABLE_I.mass_kg))
+        mass_kg = body.get("mass_kg", TABLE_I.mass_kg)
+        tree["feet"] = _feet(file.foot, validate_argument("body.mass_kg", mass_kg, Positive))
     tables["world.sensor"] = validate_argument(
         "world.sensor", file.world.pop("sensor", {}), dict[str, Any]
     )

@@ -1,9 +1,14 @@
 """Machines from files: what they set, what overrides them, what they may not say."""
 
+import contextlib
 import math
+import re
 from dataclasses import replace
+from importlib.resources import files
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cosim.base.command import MACHINES
 from cosim.base.errors import UserError
@@ -159,3 +164,22 @@ def test_mistakes_are_named(written, text, message):
 def test_other_names_are_refused():
     with pytest.raises(UserError, match=r"preset 'x'; choose .*paper, droplet, hexbug"):
         find_preset("x")
+
+
+ODD = (
+    *('"x"', "0", "-1", "1e308", "1e-308", "1e-6", "1e-3", "10", "1e9", "1e13", "100000"),
+    *("true", "[]", "{}", "nan", "inf", "[1, 2]", "[[1]]", None),
+)
+
+
+@settings(max_examples=300)
+@given(st.data(), st.sampled_from(built_in()[1:]), st.sampled_from(ODD))
+def test_any_value_of_a_machine_is_taken_or_refused_by_name(tmp_path_factory, data, name, odd):
+    lines = (files("cosim.model") / f"{name}.toml").read_text("utf-8").splitlines()
+    stated = [k for k, line in enumerate(lines) if re.match(r"\w+ = ", line)]
+    k = data.draw(st.sampled_from(stated))
+    lines[k] = "" if odd is None else f"{lines[k].split(' = ')[0]} = {odd}"
+    path = tmp_path_factory.getbasetemp() / "odd.toml"
+    path.write_text("\n".join(lines), "utf-8")
+    with contextlib.suppress(UserError):
+        find_preset(path).config()
