@@ -6,11 +6,17 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
+import agent
 import minirobots.__main__
+from agent.moves.worlds import WorldRange
+from agent.study import store
 from cosim.base.errors import UserError
+from cosim.base.jobs import Workers
 from minirobots.commands import COMMANDS
 from minirobots.commands.episodes import Run, Web
 from minirobots.runner import parse, print_json
@@ -179,3 +185,40 @@ def test_a_command_is_added_by_one_file(added):
         assert refused.stderr.startswith(f"error: {message}")
     assert "target-cells" in called("--tyro-print-completion", "bash").stdout
     assert "examples:" not in called("target-cells", "--help").stdout  # no page shows it
+
+
+def test_commands_pass_on_what_they_are_given(command, monkeypatch, tmp_path):
+    """Without training, simulating or replaying anything."""
+    taken: list[Any] = []
+
+    def take(*arguments: Any, **named: Any) -> None:
+        taken.append((arguments, named))
+        raise UserError("taken")
+
+    monkeypatch.setattr("agent.training.methods.method_config", take)
+    monkeypatch.setattr("analysis.compare.replay", take)
+    for seed in ((), ("--train-seed", 3)):
+        done = command("run", "--scenario", "1a", "--seed", 5, *seed, "--out", tmp_path / "r")
+        assert "taken" in done.stderr
+    worlds = WorldRange(mu=(0.1, 0.3))
+    with pytest.raises(UserError, match="taken"):
+        agent.train("1a", method="moves", worlds=worlds, progress=None)
+    command("replay", "a.rrd", "--policy", "p.npz", "--motor-fmu", "m.fmu")
+    (first, second, train, replayed) = taken
+    assert [arguments[2] for arguments, _ in (first, second)] == [0, 3]
+    assert train[1]["worlds"] == worlds
+    assert replayed[0][:3] == (Path("a.rrd"), Path("p.npz"), Path("m.fmu"))
+
+
+def test_a_budget_of_time_reaches_the_threads(monkeypatch):
+    asked: list[Any] = []
+    monkeypatch.setattr(store, "run_jobs", lambda _, __, *may_begin: asked.extend(may_begin) or [])
+    monkeypatch.setattr(store, "compile_kernels", lambda *_: None)
+    job = SimpleNamespace(key=1, task=lambda: None)
+    keeps = SimpleNamespace(find=lambda _: None)
+
+    def may_begin() -> bool:
+        return False
+
+    assert [*store.simulate_missing([job], keeps, Workers(jobs=1), may_begin=may_begin)] == []
+    assert asked == [may_begin]

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 import minirobots as mr
-from agent.envs.drive import DriveEnv, DrivePolicy
+from agent.envs.drive import DriveEnv, DrivePolicy, observed
 from agent.study.policies import ObjectPolicy
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from cosim.calibration import measuring
 from cosim.calibration.primitives import DIRECTIONS, Primitive
+from cosim.model.config import CoSimConfig
+from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world, find_scenario
 from cosim.simulation.driving import DriveObservation, drives
 
@@ -206,3 +208,11 @@ def test_failures_of_a_driver_name_it():
         mr.simulate("1a", DrivePolicy(lambda observations: [[1.0]]), progress=None)
     with pytest.raises(ConfigError, match="control_interval"):
         DrivePolicy(towards, control_interval=0.0)
+
+
+def test_a_place_is_observed_as_a_share_of_each_side():
+    board = Scenario("wide", "", ((35, 5),), (((3, 5),),), 40, 20, zone=(18, 8, 21, 11))
+    pose, zeros = np.array([[0.3, 0.05, 0.4]]), np.zeros((1, 3))
+    target = np.array([[0.355, 0.055]])
+    motion = DriveObservation(pose, zeros, np.zeros((1, 2)), target, board, CoSimConfig(), {})
+    assert observed(motion, 1, None)[0, 4:6] == pytest.approx((0.75, 0.25))

@@ -15,6 +15,7 @@ from agent.experiments import results as experiments
 from agent.mdp.exact import joint_starts
 from agent.study import grid
 from agent.study.report import Report
+from analysis.report.page import learning_table
 from cosim.base.table import show_texts
 from cosim.model.outcome import Outcome
 
@@ -186,3 +187,18 @@ def test_paths_on_the_grid_are_in_centimetres_whatever_cells_measure(near_policy
     usual, other = (grid.grid_row("", policy).path_length_cm for policy in (near_policy, wide))
     assert usual is not None
     assert other == pytest.approx(2.0 * usual)
+
+
+def test_the_report_has_each_measure_under_its_heading():
+    over = {
+        name: Statistics(mean=value, iqm=value, low=None, high=None, runs=2)
+        for name, value in {"success": 0.9, **LENGTHS}.items()
+    }
+    variant = experiments.VariantResult("as it is", "4", None, (), over)
+    known = {"experiment": "fig11", "seed": 0, "episodes": 1, "seconds": 1.0, "out": "runs/x"}
+    result = experiments.ExperimentResult(**known, variants={"4": variant}, differences={})
+    table = learning_table("", result)
+    row = dict(zip(table.header, table.rows[0], strict=True))
+    expected = ("90.0 % [–]", "43.21 [–]", "39.87 [–]", "1.012 [–]")
+    names = ("success", "path length, cm", "moves", "path over shortest")
+    assert tuple(row[name] for name in names) == expected

@@ -15,6 +15,7 @@ from agent.mdp.config import ProcessConfig
 from agent.mdp.interpretations import build_process
 from agent.moves import pair
 from agent.moves.model import NO_DIRECTION, Move, ObservedMoves
+from agent.moves.observe import move_rows
 from agent.moves.times import board_of, mean_seconds
 from agent.training.loop import learn, move_model
 from agent.training.methods import METHODS
@@ -299,3 +300,25 @@ def test_first_moves_of_plans_keep_the_gap():
     nearest, *others = sorted(apart)
     assert nearest > 0.8**0.5 * 5.83  # there is no other plan
     assert others[:5] == pytest.approx([34**0.5] * 5)
+
+
+def test_kinds_of_moves_are_named_by_how_the_robot_turns_before_them():
+    """Each turn takes a time of its own here."""
+
+    def turned(move: Move) -> int:
+        return (move.direction - move.heading) % MOVES.facings
+
+    moves = tuple(
+        msgspec.structs.replace(move, turn_s=float(turned(move)) + 0.25) for move in MOVES.moves
+    )
+    _, rows = move_rows(msgspec.structs.replace(MOVES, moves=moves))
+    assert len(rows) == len({(move.direction % 2, turned(move)) for move in moves})
+    for name, count, turn_s, *_ in rows:
+        kind, _, degrees, _ = name.split()
+        own = [
+            move
+            for move in moves
+            if (move.direction % 2 == 1) == (kind == "diagonal")
+            and turned(move) == int(degrees) // 45 % MOVES.facings
+        ]
+        assert (count, turn_s) == (str(len(own)), f"{own[0].turn_s:.2f}")

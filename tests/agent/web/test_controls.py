@@ -90,6 +90,27 @@ LEGS = """(() => {
   board.drawRobot({ x: 0, y: 0, heading: 0, theta: [], bent }, 0, true);
   return lines.slice(1);
 })()"""
+# How many points a plot keeps, the first and the last time of them.
+NEWEST = """(() => {
+  const [canvas, caption] = ["canvas", "p"].map((kind) => document.createElement(kind));
+  const kept = new Plot(canvas, caption, "a", "b", []);
+  for (let k = 0; k <= 400; k++) kept.add(k, [[]]);
+  return [kept.points.length, kept.points[0].time, kept.points.at(-1).time];
+})()"""
+# Numbers along the edges of a board of 20 x 10 cm, and its zone.
+DRAWN = """(() => {
+  const board = Object.create(Board.prototype), zone = [4, 5, 6, 6];
+  const scenario = { cell_m: 0.01, targets: [], walls: [], zone, patches: [] };
+  const g = document.createElement("canvas").getContext("2d");
+  const texts = [], boxes = [];
+  g.strokeRect = (...box) => boxes.push(box);
+  Object.assign(board, { g, scale: 600, scenario, size: [0.2, 0.1] });
+  board.line = () => {};
+  board.text = (words, x, y) => texts.push([words, x, y]);
+  board.drawScale();
+  board.drawCells();
+  return [texts, boxes[0]];
+})()"""
 OUTCOME = "document.getElementById('outcome').textContent"
 
 
@@ -211,6 +232,16 @@ def test_curves_have_the_colours_of_their_names_and_legs_their_own_bend():
             page.add_script_tag(path=Path(web.__file__).with_name("page") / script)
         words, lines = page.evaluate(PLOTTED)
         assert [lines["10"], lines["4"]] == words
+        assert page.evaluate(NEWEST) == [400, 1.0, 400.0]
+        marks, zone = page.evaluate(DRAWN)
+        assert marks == [
+            ["0", 0, 0],
+            ["10", 0.1, 0],
+            ["20", 0.2, 0],
+            ["10", 0, 0.1],
+            ["cm", 0.2, 0],
+        ]
+        assert zone == pytest.approx([0.04, 0.05, 0.03, 0.02])
         assert len({*words}) == 2
         feet = (0.01, 0.005), (-0.01, 0.005), (-0.01, -0.005)
         for k, ((root, tip), (x, y)) in enumerate(zip(page.evaluate(LEGS), feet, strict=True)):

@@ -3,11 +3,18 @@
 import json
 import math
 
+import numpy as np
 import pytest
 
 from cosim.base.errors import USER_ERROR_STATUS, UserError
 from cosim.machine.platform.design import design, foot_lift_speed, least_foot_force
-from cosim.machine.platform.motion import net_speed, robot_platform, sensitivities
+from cosim.machine.platform.motion import (
+    Platform,
+    forces,
+    net_speed,
+    robot_platform,
+    sensitivities,
+)
 from cosim.model.params import TABLE_I, TABLE_II
 
 
@@ -83,3 +90,13 @@ def test_mistakes_are_one_sentence(command, arguments, message):
     assert done.returncode == USER_ERROR_STATUS
     assert done.stderr.count("\n") == 1
     assert message in done.stderr
+
+
+def test_masses_that_a_weight_includes_hold_no_platform_twice():
+    theta = np.linspace(0.0, 6.0, 7)
+    apart = Platform(0.1, 2e-3, 1e-3, 0.4, 9.81)
+    (driving, holds), (same, less) = (
+        forces(each, 300.0, theta) for each in (apart, apart._replace(included=True))
+    )
+    assert same == pytest.approx(driving)
+    assert holds - less == pytest.approx(np.full(7, 0.4 * 2e-3 * 9.81))

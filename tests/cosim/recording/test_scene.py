@@ -189,3 +189,19 @@ def test_the_eye_stands_before_the_middle_of_a_board_that_is_not_square():
     assert [eye[0], target[0], *above[:2]] == pytest.approx([0.3, 0.3, 0.3, 0.15])
     assert eye[1] < 0.0 < target[1] < 0.3
     assert above[2] > 0.6
+
+
+def test_lines_of_cells_and_the_zone_fit_a_board_that_is_not_square(kept):
+    (board,) = column(kept, "/world/board", "LineStrips3D:strips", static=True)
+    width, height = BOARD.size_m
+    strips = [np.array(strip)[:, :2] for strip in board]
+    across = [strip for strip in strips if strip[0, 1] == strip[1, 1]]
+    assert len(across) == BOARD.rows + 1
+    assert len(strips) == BOARD.columns + BOARD.rows + 2
+    ends = np.concatenate(strips)
+    assert (*ends.min(axis=0), *ends.max(axis=0)) == pytest.approx((0.0, 0.0, width, height))
+    (outline,) = column(kept, "/world/zone", "LineStrips3D:strips", static=True)
+    corners = np.array(outline[0])[:, :2] / BOARD.cell_m
+    left, bottom, right, top = BOARD.zone
+    lowest, highest = corners.min(axis=0), corners.max(axis=0)
+    assert (*lowest, *highest) == pytest.approx((left, bottom, right + 1, top + 1))

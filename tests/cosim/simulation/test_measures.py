@@ -1,5 +1,7 @@
 """Measures along an episode, against what can be computed by hand or at every tick."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -143,3 +145,16 @@ def test_energy_at_the_control_period_is_nearly_that_of_every_tick(motor_fmu):
     measures.add(samples)
     assert 0.94 * at_ticks < measures.energy_j[0] < at_ticks
     assert measures.regenerated_j[0] < 0.01 * measures.energy_j[0]
+
+
+def test_robots_above_each_other_are_as_near_as_those_beside_each_other():
+    """Pairs are left out by boxes around their paths; each way has to be looked at."""
+    places = np.array([[1.0, 0.0], [1.1, 0.0], [0.0, 0.3], [0.0, 0.36], [0.5, 0.9], [0.55, 0.9]])
+    for turned in (places, places[:, ::-1], places[::-1], -places):
+        measures = measures_from(turned + 9.0 * np.arange(6)[:, None])  # far apart at the start
+        measures.add(samples_of(np.tile(turned, (100, 1, 1))))
+        assert measures.min_distance_m == pytest.approx(0.05)
+        measures = measures_from(turned[:4] + 9.0 * np.arange(4)[:, None])
+        measures.add(samples_of(np.tile(turned[:4], (100, 1, 1))))
+        least = min(math.dist(a, b) for k, a in enumerate(turned[:4]) for b in turned[:k])
+        assert measures.min_distance_m == pytest.approx(least)
