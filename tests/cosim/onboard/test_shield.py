@@ -30,7 +30,7 @@ from cosim.onboard.steering import (
     steer,
 )
 
-BOARD = np.array([0.3, 0.3])
+BOARD = np.array([0.34, 0.3])
 DIAMETER_M = TABLE_I.diameter_m
 NOTHING = np.empty((0, 4))
 WALL = np.array([[0.20, 0.0, 0.22, 0.3]])

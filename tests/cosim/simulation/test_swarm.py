@@ -75,7 +75,9 @@ def test_a_recording_has_poses_of_all_and_signals_of_some_which_views_show(drive
     with EpisodeRecorder(kept, SCENARIO, CONFIG, "many", {"seed": 0}) as recorder:
         for step in driven[0]:
             recorder.write(step)
-    signals = read_episode(kept).signals
+    episode = read_episode(kept)
+    assert episode.facts["signals"] == [1, 2, 3, 4]
+    signals = episode.signals
     assert {name.split("/")[2] for name in signals if "/sim/" in name} == {"r1", "r2", "r3", "r4"}
     assert "/sim/r1/distance_m" not in signals
     shown = shown_paths(kept.blueprint)
