@@ -214,8 +214,8 @@ def test_a_budget_of_time_reaches_the_threads(monkeypatch):
     asked: list[Any] = []
     monkeypatch.setattr(store, "run_jobs", lambda _, __, *may_begin: asked.extend(may_begin) or [])
     monkeypatch.setattr(store, "compile_kernels", lambda *_: None)
-    job = SimpleNamespace(key=1, task=lambda: None)
-    keeps = SimpleNamespace(find=lambda _: None)
+    job: Any = SimpleNamespace(key=1, task=lambda: None)
+    keeps: Any = SimpleNamespace(find=lambda _: None)
 
     def may_begin() -> bool:
         return False
