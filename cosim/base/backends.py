@@ -8,6 +8,8 @@ import contextlib
 import multiprocessing
 import os
 import pickle
+import re
+import socket
 import sys
 import threading
 import time
@@ -22,6 +24,7 @@ from cosim.base.jobs import Workers, always
 
 ATTEMPTS = 4  # of a task after its worker died; a task that kills every worker must end
 CONNECT_TIMEOUT_S = 10.0  # to a cluster's head
+SCHEMES = ("tcp", "tls", "ws", "wss")  # protocols of a cluster's address; the first by default
 _LOOK_S = 1.0  # time between two looks for the process that began this one
 Deaths = tuple[type[BaseException], ...]
 
@@ -33,11 +36,13 @@ def sweep(
     may_begin: Callable[[], bool] = always,
 ) -> Iterator[tuple[int, Any]]:
     """Call a function on every task in parallel; yields (index, result) as they are ready."""
-    jobs, backend = where.jobs, where.backend
+    jobs, backend, address = where.jobs, where.backend, where.address
     remaining = dict(enumerate(tasks))
     if jobs == 1 and backend in {"loky", "threads"}:
         yield from ((k, function(task)) for k, task in remaining.items() if may_begin())
         return
+    if address is not None:
+        _require_listener(address)
     cluster: contextlib.AbstractContextManager[Deaths] = (
         _dask(where, (function, tasks))
         if backend == "dask"
@@ -81,6 +86,24 @@ def end_with(parent: int) -> None:
         threading.Thread(target=watch, daemon=True).start()
 
 
+def _require_listener(address: str) -> None:
+    """Refuse an address at which nothing answers: Dask would try for minutes."""
+    found = re.fullmatch(r"(?:(\w+)://)?(\[[^]]+\]|[^/:\s]+):(\d{1,5})", address)
+    if not found or (found[1] or SCHEMES[0]) not in SCHEMES:
+        raise UserError(
+            f"--address {address} is invalid; give HOST:PORT, as in {SCHEMES[0]}://HOST:8786"
+        )
+    try:
+        place = found[2].strip("[]"), int(found[3])
+        socket.create_connection(place, CONNECT_TIMEOUT_S).close()
+    except (OSError, OverflowError, UnicodeError) as error:
+        raise _unanswered(address) from error
+
+
+def _unanswered(address: str | None) -> UserError:
+    return UserError(f"no Dask cluster answers at {address}; check the address")
+
+
 def _numbered(function: Callable[[Any], Any], index: int, task: Any) -> tuple[int, Any]:
     return index, function(task)
 
@@ -101,11 +124,8 @@ def _dask(where: Workers, work: Any) -> Iterator[Deaths]:
             if where.address
             else Client(**own, dashboard_address=None)
         )
-    except (OSError, ValueError) as error:
-        raise UserError(
-            f"no Dask cluster answers at --address {where.address} ({error}); give that of its "
-            "scheduler, as in tcp://HOST:8786"
-        ) from error
+    except OSError as error:
+        raise _unanswered(where.address) from error
     except RuntimeError as error:
         raise UserError(
             f"Dask cannot start workers ({error}); in a script, make the call below "
