@@ -32,8 +32,8 @@ BROKEN_LEGS: list[tuple[Table, str]] = [
     (_LEG | {"relaxation_s": 0.0}, "relaxation_s"),
     (_LEG | {"damping_ratio": 0.1}, "damping_ratio"),
     (_LEG | {"lean_deg": 10.0}, "lean_towards_deg"),
-    (_LEG | {"young_pa": 1e9}, "young_pa"),
-    ({"length_m": 0.01, "relaxation_s": 1e-4}, "stiffness"),
+    (_LEG | {"young_pa": 1e9}, "axial_n_m is unknown"),
+    ({"length_m": 0.01, "relaxation_s": 1e-4}, "axial_n_m"),
     ({"lean_deg": 10.0}, "length_m"),
 ]
 

@@ -78,7 +78,7 @@ class Trial:
         self._plant = new_plant(config, 1, end_on_collision=False)
         self._tick = 0
         self._sizes = config.robot.sizes
-        self._state = new_state(n, 1, columns, *self._sizes)
+        self._state = new_state(n, 1, columns, self._sizes)
         self._state.bodies.properties[:] = robot_properties(config)[:, None]
         self.origins_m = SPACING_M * np.column_stack([np.arange(1, n + 1), np.ones(n)])
         self._motors = Motors(motor_fmu, config, columns)
@@ -133,7 +133,7 @@ class Trial:
 
     def ticks(self, count: int) -> RawSamples:
         """Return room for the signals of `count` ticks, see `advance`."""
-        return new_raw_samples(count, self._state.bodies.motion.shape[1], *self._sizes)
+        return new_raw_samples(count, self._state.bodies.motion.shape[1], self._sizes)
 
     def set_motors(self, set_points: np.ndarray) -> None:
         """Command set points of the motors in rad/s, (N, M), or (M,) for all robots."""
@@ -150,10 +150,10 @@ class Trial:
             ticks: room for the first ticks, of all columns.
         """
         n, columns = len(self.origins_m), self._state.bodies.motion.shape[1]
-        samples = new_samples(periods, columns, *self._sizes)
+        samples = new_samples(periods, columns, self._sizes)
         noise = np.zeros((periods, columns, self._sizes[0]))
         noise[:, :n] = self._noise.draw(periods)
-        raw = new_raw_samples(0, columns, *self._sizes) if ticks is None else ticks
+        raw = new_raw_samples(0, columns, self._sizes) if ticks is None else ticks
         try:
             self._driver.advance(self._plant, self._state, noise, samples, raw)
         except FaultError as error:

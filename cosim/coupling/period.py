@@ -188,7 +188,7 @@ def sample_tick(plant: Plant, state: State, raw: RawSamples, row: int) -> None:
         for motor in range(motors):
             raw.theta[row, column, motor] = state.motors.outputs[motor, column]
             raw.omega[row, column, motor] = state.motors.outputs[motors + motor, column]
-        feet = len(plant.body.contact.feet)
+        feet = len(plant.body.feet.places)
         for foot in range(feet):
             raw.normal[row, column, foot] = body[NORMALS + foot] / plant.body.dt
             for axis in range(2):
@@ -243,7 +243,7 @@ def _event(plant: Plant, bodies: Bodies, column: int, board: np.ndarray) -> int:
     if not endless and not (0.0 <= x <= board[0] and 0.0 <= y <= board[1]):
         return OUT_OF_BOARD
     beyond = False  # whether a foot has no floor below it
-    for foot in range(len(plant.body.contact.feet)):
+    for foot in range(len(plant.body.feet.places)):
         beyond = beyond or bodies.properties[MU + foot, column] < 0.0
     if beyond:
         if bodies.motion[Z, column] < 0.0:
@@ -300,7 +300,7 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
     for k in range(4):
         samples.quaternion[row, column, k] = body[Q_W + k]
     samples.yaw_rate[row, column] = body[W_Z]
-    for foot in range(len(plant.body.contact.feet)):
+    for foot in range(len(plant.body.feet.places)):
         first = FOOT * foot
         x, y = statistics[first + FRICTION_X], statistics[first + FRICTION_Y]
         samples.normal_mean[row, column, foot] = statistics[first + NORMAL] / period_s
@@ -308,7 +308,7 @@ def _sample(plant: Plant, state: State, samples: Samples, row: int, column: int)
         samples.impact[row, column, foot] = statistics[first + IMPACT]
         samples.slipping_share[row, column, foot] = statistics[first + SLIPPING] / ticks
     for leg in range(len(plant.body.contact.legs)):
-        first = legs_row(len(plant.body.contact.feet)) + OF_LEG * leg
+        first = legs_row(len(plant.body.feet.places)) + OF_LEG * leg
         for axis in range(3):
             samples.deflection[row, column, 3 * leg + axis] = body[first + axis]
     samples.lifted_share[row, column] = statistics[LIFTED] / ticks

@@ -151,13 +151,13 @@ def step_robots(plant: Plant, state: State, column: int, tick: int, width: Width
     mounts = read_mounts(bodies.properties, order, column, width, plant.mounts)
     force, moment = motor_wrenches(plant.motors.pairs, mounts, signals)
     params = read_params(bodies.properties, column, width, plant.body)
-    order, legs = plant.body.contact.pairing.order, plant.body.contact.legs
-    before = read_body(bodies.motion, column, width, order, legs)
+    order = plant.body.feet.pairing.order
+    before = read_body(bodies.motion, column, width, order, plant.body.contact.legs)
     body, unsolved = stepped(before, params, force, moment)
     write_body(bodies.motion, column, width, order, body)
     statistics = bodies.statistics
     lifted = _watch_feet(
-        statistics, order, column, width, before.impulses, body.impulses, params.contact.mu
+        statistics, order, column, width, before.impulses, body.impulses, params.feet.mu
     )
     _count(statistics, LIFTED, column, width, lifted > 0.0)
     _count(statistics, AIRBORNE, column, width, lifted > len(order) - 0.5)

@@ -16,8 +16,11 @@ from cosim.physics.properties import properties_size
 _LINE = 8  # float64 of a cache line, and most lanes of a vector
 _MANY_COLUMNS = 128
 
+Sizes = tuple[int, int, int]  # numbers of a robot's motors, of its feet and of its elastic legs
+PAPERS: Sizes = 2, 3, 0
 
-def signal_names(motors: str, feet: int, legs: int = 0) -> tuple[str, ...]:
+
+def signal_names(motors: str, feet: int, legs: int) -> tuple[str, ...]:
     """Names of the rows of inputs, outputs and bodies, see `State`, of robots with named motors."""
     of_motors = "the set point", "the speed noise", "the torque d", "theta", "omega", "omega_dot"
     return (
@@ -156,21 +159,16 @@ def _annotated(record: type) -> dict[str, tuple[Any, ...]]:
     return {name: hint.__metadata__ for name, hint in hints.items()}
 
 
-def _sizes(motors: int, feet: int, legs: int) -> dict[Any, Any]:
-    sizes = {"motors": motors, "3 motors": 3 * motors, "4 motors": 4 * motors, "feet": feet}
-    return sizes | {"2 feet": 2 * feet, "3 legs": 3 * legs}
+def _numbers(sizes: Sizes) -> dict[Any, Any]:
+    motors, feet, legs = sizes
+    numbers = {"motors": motors, "3 motors": 3 * motors, "4 motors": 4 * motors, "feet": feet}
+    return numbers | {"2 feet": 2 * feet, "3 legs": 3 * legs}
 
 
-def new_state(
-    episodes: int,
-    robots: int,
-    columns: int,
-    motors: int = 2,
-    feet: int = 3,
-    legs: int = 0,
-) -> State:
+def new_state(episodes: int, robots: int, columns: int, sizes: Sizes = PAPERS) -> State:
     """State without running episodes, on endless floors without obstacles, robots without mass."""
-    sizes = _sizes(motors, feet, legs) | {
+    motors, feet, legs = sizes
+    numbers = _numbers(sizes) | {
         "K": episodes,
         "B": columns,
         "pairs": episodes * robots * (robots - 1) // 2,
@@ -178,7 +176,7 @@ def new_state(
         "properties": properties_size(feet, motors),
         "statistics": NORMAL + FOOT * feet,
     }
-    state = State(*(_zeros(record, sizes) for record in get_type_hints(State).values()))
+    state = State(*(_zeros(record, numbers) for record in get_type_hints(State).values()))
     state.bodies.motion[QUATERNION.start] = state.bodies.ended[QUATERNION.start] = 1.0
     state.floor.cells_m[:] = 1.0
     state.floor.boards[:] = state.floor.targets[:] = np.inf
@@ -186,10 +184,10 @@ def new_state(
     return state
 
 
-def _zeros(record: type[Any], sizes: dict[Any, Any]) -> Any:
+def _zeros(record: type[Any], numbers: dict[Any, Any]) -> Any:
     arrays = []
     for marks in _annotated(record).values():
-        shape = tuple(sizes.get(mark, mark) for mark in marks if mark is not np.int64)
+        shape = tuple(numbers.get(mark, mark) for mark in marks if mark is not np.int64)
         if np.int64 in marks:
             arrays.append(np.zeros(shape, dtype=np.int64))
         else:
@@ -253,30 +251,26 @@ def aligned(rows: int, columns: int) -> np.ndarray:
     return memory[first : first + rows * columns].reshape(rows, columns)
 
 
-def sizes_of(state: State) -> tuple[int, int, int]:
-    """Return the numbers of motors, of feet and of elastic legs of a state's robots."""
+def sizes_of(state: State) -> Sizes:
+    """Return those of a state's robots."""
     motors, bodies = state.motors.set_points.shape[0], state.bodies
     feet = (bodies.statistics.shape[0] - NORMAL) // FOOT
     return motors, feet, (bodies.motion.shape[0] - legs_row(feet)) // OF_LEG
 
 
-def _room(record: type[Any], rows: int, robots: int, *sizes_of_robot: int) -> Any:
-    sizes, axes = _sizes(*sizes_of_robot), (mark for (mark,) in _annotated(record).values())
+def _room(record: type[Any], rows: int, robots: int, sizes: Sizes) -> Any:
+    numbers, axes = _numbers(sizes), (mark for (mark,) in _annotated(record).values())
     return record._make(
-        np.zeros((rows, robots) if mark is None else (rows, robots, sizes.get(mark, mark)))
+        np.zeros((rows, robots) if mark is None else (rows, robots, numbers.get(mark, mark)))
         for mark in axes
     )
 
 
-def new_samples(
-    periods: int, robots: int, motors: int = 2, feet: int = 3, legs: int = 0
-) -> Samples:
+def new_samples(periods: int, robots: int, sizes: Sizes = PAPERS) -> Samples:
     """Room for the samples of `periods` control periods."""
-    return _room(Samples, periods, robots, motors, feet, legs)
+    return _room(Samples, periods, robots, sizes)
 
 
-def new_raw_samples(
-    ticks: int, robots: int, motors: int = 2, feet: int = 3, legs: int = 0
-) -> RawSamples:
+def new_raw_samples(ticks: int, robots: int, sizes: Sizes = PAPERS) -> RawSamples:
     """Room for a burst of `ticks` ticks."""
-    return _room(RawSamples, ticks, robots, motors, feet, legs)
+    return _room(RawSamples, ticks, robots, sizes)

@@ -221,17 +221,13 @@ class CoSimConfig:
         sag_m = weight / sum(leg.upright_n_m for leg in legs)
         for leg in legs:
             load, limit = sag_m * leg.upright_n_m, BUCKLING * leg.bending_n_m * leg.length_m
-            if load >= limit:
+            if load >= limit or sag_m >= MOST_SAG * leg.length_m:
+                fault = "buckle" if load >= limit else "sag too far for linear beams"
                 raise ConfigError(
-                    f"legs buckle: one carries {1e3 * load:.3g} mN of the weight, and bends away "
-                    f"at {1e3 * limit:.3g} mN; make them stiffer, shorter or more, or the machine "
-                    "lighter"
-                )
-            if sag_m >= MOST_SAG * leg.length_m:
-                raise ConfigError(
-                    f"legs of length_m = {leg.length_m:g} sag by {1e3 * sag_m:.2g} mm under the "
-                    f"weight, more than {MOST_SAG:g} of that, which is not small; make them "
-                    "stiffer, or the machine lighter"
+                    f"legs of length_m = {leg.length_m:g} {fault}: one carries {1e3 * load:.3g} of "
+                    f"at most {1e3 * limit:.3g} mN, and gives way by {1e3 * sag_m:.2g} of at most "
+                    f"{1e3 * MOST_SAG * leg.length_m:.2g} mm; make them stiffer or more, or the "
+                    "machine lighter"
                 )
 
     @property

@@ -216,25 +216,46 @@ class _Motor(msgspec.Struct, forbid_unknown_fields=True):
     axis: tuple[_Near, _Near, _Near]
 
 
-_OF_BEAM = ("diameter_m", "young_pa", "count")
 _Length = Annotated[float, Meta(ge=1e-6, le=10.0)]
 _Stiffness = Annotated[float, Meta(ge=1e-3, le=MAX_VALUE)]
 
 
-class _Foot(msgspec.Struct, forbid_unknown_fields=True):
+class _Foot(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     place_m: Annotated[list[_Near], Meta(min_length=2, max_length=3)]
     mu: Amount | None = None
-    # Of an elastic leg; stiffness is given, or follows from `_OF_BEAM`
-    length_m: _Length | None = None
-    lean_deg: Lean | None = None
+
+
+class _Leg(_Foot, kw_only=True):
+    """An elastic leg."""
+
+    length_m: _Length
+    lean_deg: Lean = 0.0
     lean_towards_deg: Turn | None = None
-    axial_n_m: _Stiffness | None = None
-    bending_n_m: _Stiffness | None = None
-    diameter_m: _Length | None = None
-    young_pa: Annotated[float, Meta(ge=1e3, le=1e13)] | None = None
-    count: Annotated[int, Meta(ge=1, le=100_000)] | None = None
     relaxation_s: Positive | None = None
     damping_ratio: Positive | None = None
+
+
+class _Springs(_Leg, kw_only=True):
+    axial_n_m: _Stiffness
+    bending_n_m: _Stiffness
+
+
+class _Beams(_Leg, kw_only=True):
+    """Round cantilevers, side by side."""
+
+    diameter_m: _Length
+    young_pa: Annotated[float, Meta(ge=1e3, le=1e13)]
+    count: Annotated[int, Meta(ge=1, le=100_000)] = 1
+
+    @property
+    def axial_n_m(self) -> float:
+        """E A/L."""
+        return self.count * self.young_pa * (0.25 * math.pi * self.diameter_m**2) / self.length_m
+
+    @property
+    def bending_n_m(self) -> float:
+        """3 E I/L³ with I = A d²/16."""
+        return self.axial_n_m * 3.0 / 16.0 * (self.diameter_m / self.length_m) ** 2
 
 
 def _preset(name: str, content: dict[str, Any]) -> Preset:
@@ -317,73 +338,50 @@ def _shares(tables: list[_Component]) -> tuple[MotorShares, ...] | None:
 
 def _feet(tables: list[_Component], mass_kg: float) -> tuple[Any, str]:
     sources = [str(table.pop("source", "")) for table in tables]
-    feet = [validate_argument(f"foot[{k}]", table, _Foot) for k, table in enumerate(tables)]
+    feet = [validate_argument(f"foot[{k}]", t, _kind_of_foot(t)) for k, t in enumerate(tables)]
     heights = [foot.place_m[2] if len(foot.place_m) == 3 else 0.0 for foot in feet]
     if max(heights) - min(heights) > PLANE_M or abs(heights[0]) > PLANE_M:
         raise UserError(
             f"feet stand {1e6 * min(heights):g} to {1e6 * max(heights):g} µm above the floor; all "
             f"must be at 0, within {1e6 * PLANE_M:g} µm: a foot that is shorter carries nothing"
         )
-    legs = _legs(feet, mass_kg)
+    legs = {
+        k: _leg(f"foot[{k}]", foot)
+        for k, foot in enumerate(feet)
+        if isinstance(foot, _Springs | _Beams)
+    }
+    bounce = math.sqrt(sum(leg.upright_n_m for leg in legs.values()) / mass_kg)
+    for k, leg in legs.items():
+        if feet[k].damping_ratio is not None:
+            legs[k] = leg._replace(relaxation_s=2.0 * feet[k].damping_ratio / bounce)
     return tuple(
-        Foot(foot.place_m[0], foot.place_m[1], foot.mu, leg)
-        for foot, leg in zip(feet, legs, strict=True)
+        Foot(foot.place_m[0], foot.place_m[1], foot.mu, legs.get(k)) for k, foot in enumerate(feet)
     ), _joined(sources)
 
 
-def _legs(feet: list[_Foot], mass_kg: float) -> list[Leg | None]:
-    """Return the elastic leg of each foot, or None of each."""
-    stated = [
-        [n for n in foot.__struct_fields__[2:] if getattr(foot, n) is not None] for foot in feet
-    ]
-    if not any(stated):
-        return [None] * len(feet)
-    legs = []
-    for k, (foot, names) in enumerate(zip(feet, stated, strict=True)):
-        where = f"foot[{k}]"
-        if not names:
-            raise UserError(f"{where} is rigid, but others are elastic; make all of them one kind")
-        if foot.length_m is None:
-            raise UserError(f"{where} states {', '.join(names)} but no length_m; give it")
-        axial, bending = _stiffness(where, foot, names)
-        lean, towards = foot.lean_deg or 0.0, foot.lean_towards_deg
-        if (towards is None) != (lean == 0.0):
-            raise UserError(
-                f"{where}.lean_deg = {lean:g} and lean_towards_deg belong together; give both of a "
-                "leg that leans, the direction on the floor from its root to its tip"
-            )
-        if (foot.relaxation_s is None) == (foot.damping_ratio is None):
-            raise UserError(
-                f"{where} needs relaxation_s or damping_ratio, and one of them: without damping a "
-                "robot hops for ever"
-            )
-        leg = Leg(lean, towards or 0.0, axial, bending, foot.relaxation_s or 0.0, foot.length_m)
-        legs.append(leg)
-    bounce = math.sqrt(sum(leg.upright_n_m for leg in legs) / mass_kg)
-    return [
-        leg
-        if foot.damping_ratio is None
-        else leg._replace(relaxation_s=2.0 * foot.damping_ratio / bounce)
-        for foot, leg in zip(feet, legs, strict=True)
-    ]
+def _kind_of_foot(table: _Component) -> type[_Foot]:
+    """Return what a table describes, by what it states; a wrong name in it is refused later."""
+    if table.keys() <= {*_Foot.__struct_fields__}:
+        return _Foot
+    beam = {*_Beams.__struct_fields__}.difference(_Leg.__struct_fields__)
+    return _Springs if table.keys().isdisjoint(beam) else _Beams
 
 
-def _stiffness(where: str, foot: _Foot, names: list[str]) -> tuple[float, float]:
-    """Return axial and bending stiffness of a leg in N/m: given, or those of round cantilevers."""
-    given, beam = ("axial_n_m", "bending_n_m"), _OF_BEAM[:2]
-    if set(given) <= set(names) and set(names).isdisjoint(_OF_BEAM):
-        assert foot.axial_n_m and foot.bending_n_m
-        return foot.axial_n_m, foot.bending_n_m
-    if set(beam) <= set(names) and set(names).isdisjoint(given):
-        assert foot.diameter_m and foot.young_pa and foot.length_m
-        area = 0.25 * math.pi * foot.diameter_m**2
-        axial = (foot.count or 1) * foot.young_pa * area / foot.length_m
-        # E A/L, and 3 E I/L³ with I = A d²/16
-        return axial, axial * 3.0 / 16.0 * (foot.diameter_m / foot.length_m) ** 2
-    raise UserError(
-        f"{where} states {', '.join(names)}; its stiffness is {' and '.join(given)}, or follows "
-        f"from {', '.join(_OF_BEAM)} (by default 1): give all of one of both"
-    )
+def _leg(where: str, foot: _Springs | _Beams) -> Leg:
+    """Return a leg, not yet with what follows from `damping_ratio`."""
+    lean, towards = foot.lean_deg, foot.lean_towards_deg
+    if (towards is None) != (lean == 0.0):
+        raise UserError(
+            f"{where}.lean_deg = {lean:g} and lean_towards_deg belong together; give both of a "
+            "leg that leans, the direction on the floor from its root to its tip"
+        )
+    if (foot.relaxation_s is None) == (foot.damping_ratio is None):
+        raise UserError(
+            f"{where} needs relaxation_s or damping_ratio, and one of them: without damping a "
+            "robot hops for ever"
+        )
+    relaxation_s = foot.relaxation_s or 0.0
+    return Leg(lean, towards or 0.0, foot.axial_n_m, foot.bending_n_m, relaxation_s, foot.length_m)
 
 
 def _joined(sources: list[str]) -> str:

@@ -18,6 +18,7 @@ from cosim.physics.rotation import (
     plus,
     rotated,
     rotation_matrix,
+    scaled,
     to_body,
     to_centre,
     to_world,
@@ -57,7 +58,7 @@ def stepped(body: Body, params: BodyParams, force: Vector, moment: Vector) -> tu
         velocity, params.inverse_mass, to_world(world_from_body, plus(total, dt, force))
     )
     turning = plus(omega, 0.5, half_spin)
-    orientation = rotated(body.orientation, (dt * turning[0], dt * turning[1], dt * turning[2]))
+    orientation = rotated(body.orientation, scaled(dt, turning))
     position = plus(body.position, dt, velocity)
     if params.off_axis:  # the axis turns about the centre of mass
         before = to_centre(world_from_body, params.centre)

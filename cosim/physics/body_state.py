@@ -99,13 +99,14 @@ def read_body(
     Args:
         legs: as many as feet that are elastic.
     """
+    impulses, of_legs = _read_feet(bodies, column, width, len(order), order, legs)
     return Body(
         read_vector(bodies, X, column, width),
         (load(bodies, Q_W, column, width), *read_vector(bodies, Q_X, column, width)),
         read_vector(bodies, V_X, column, width),
         read_vector(bodies, W_X, column, width),
-        _read_impulses(bodies, frictions(len(order)), column, width, order),
-        _read_legs(bodies, legs_row(len(order)), column, width, order, legs),
+        impulses,
+        of_legs,
     )
 
 
@@ -122,31 +123,19 @@ def is_upright(body: np.ndarray) -> bool:
 
 
 @unrolled
-def _read_impulses(
-    bodies: np.ndarray, first: int, column: int, width: Width, order: tuple[int, ...]
-) -> tuple[Impulse, ...]:
+def _read_feet(
+    bodies: np.ndarray, column: int, width: Width, feet: int, order: tuple[int, ...], legs: tuple
+) -> tuple[tuple[Impulse, ...], tuple[LegState, ...]]:
     if len(order) == 0:
-        return ()
+        return (), ()
+    impulses, others = _read_feet(bodies, column, width, feet, order[1:], legs[1:])
     normal = load(bodies, NORMALS + order[0], column, width)
-    impulse = normal, read_vector(bodies, first + 3 * order[0], column, width)
-    return (impulse, *_read_impulses(bodies, first, column, width, order[1:]))
-
-
-@unrolled
-def _read_legs(
-    bodies: np.ndarray,
-    first: int,
-    column: int,
-    width: Width,
-    order: tuple[int, ...],
-    legs: tuple,
-) -> tuple[LegState, ...]:
+    impulse = normal, read_vector(bodies, frictions(feet) + 3 * order[0], column, width)
     if len(legs) == 0:
-        return ()
-    row = first + OF_LEG * order[0]
+        return (impulse, *impulses), ()
+    row = legs_row(feet) + OF_LEG * order[0]
     tip = load(bodies, row + 3, column, width), load(bodies, row + 4, column, width)
-    leg = read_vector(bodies, row, column, width), tip
-    return (leg, *_read_legs(bodies, first, column, width, order[1:], legs[1:]))
+    return (impulse, *impulses), ((read_vector(bodies, row, column, width), tip), *others)
 
 
 @inlined
@@ -169,40 +158,28 @@ def write_body(
     _write_vector(bodies, Q_X, column, width, body.orientation[1:])
     _write_vector(bodies, V_X, column, width, body.velocity)
     _write_vector(bodies, W_X, column, width, body.omega)
-    _write_impulses(bodies, frictions(len(order)), column, width, order, body.impulses)
-    _write_legs(bodies, legs_row(len(order)), column, width, order, body.legs)
+    _write_feet(bodies, column, width, len(order), order, body.impulses, body.legs)
 
 
 @unrolled
-def _write_impulses(
+def _write_feet(
     bodies: np.ndarray,
-    first: int,
     column: int,
     width: Width,
+    feet: int,
     order: tuple[int, ...],
     impulses: tuple[Impulse, ...],
+    legs: tuple[LegState, ...],
 ) -> None:
     if len(order) > 0:
         store(bodies, NORMALS + order[0], column, width, impulses[0][0])
-        _write_vector(bodies, first + 3 * order[0], column, width, impulses[0][1])
-        _write_impulses(bodies, first, column, width, order[1:], impulses[1:])
-
-
-@unrolled
-def _write_legs(
-    bodies: np.ndarray,
-    first: int,
-    column: int,
-    width: Width,
-    order: tuple[int, ...],
-    legs: tuple[LegState, ...],
-) -> None:
-    if len(legs) > 0:
-        row = first + OF_LEG * order[0]
-        _write_vector(bodies, row, column, width, legs[0][0])
-        store(bodies, row + 3, column, width, legs[0][1][0])
-        store(bodies, row + 4, column, width, legs[0][1][1])
-        _write_legs(bodies, first, column, width, order[1:], legs[1:])
+        _write_vector(bodies, frictions(feet) + 3 * order[0], column, width, impulses[0][1])
+        if len(legs) > 0:
+            row = legs_row(feet) + OF_LEG * order[0]
+            _write_vector(bodies, row, column, width, legs[0][0])
+            store(bodies, row + 3, column, width, legs[0][1][0])
+            store(bodies, row + 4, column, width, legs[0][1][1])
+        _write_feet(bodies, column, width, feet, order[1:], impulses[1:], legs[1:])
 
 
 @inlined

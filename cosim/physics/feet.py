@@ -47,6 +47,28 @@ def paired(places_m: Sequence[tuple[float, float]]) -> Pairing:
     return Pairing((0,) * (len(pairs) // 2), (*pairs, *left))
 
 
+class Feet(NamedTuple):
+    """Feet of a robot, or of the robots in lanes, in the order of their pairing; body frame."""
+
+    pairing: Pairing
+    places: tuple[tuple[float, float], ...]  # x, y from the robot's axis, m
+    z: float  # of all of them, from the height of the centre of mass, m
+    # Coulomb friction coefficient under each of them, static = kinetic; or NO_FLOOR
+    mu: tuple[float, ...]
+
+
+def feet_of(robot: RobotParams) -> Feet:
+    """Return the feet of a robot on its usual floor."""
+    pairing = paired([(foot.x_m, foot.y_m) for foot in robot.feet])
+    feet = [robot.feet[k] for k in pairing.order]
+    return Feet(
+        pairing,
+        tuple((foot.x_m, foot.y_m) for foot in feet),
+        -robot.com_height_m,
+        tuple(robot.mu if foot.mu is None else foot.mu for foot in feet),
+    )
+
+
 def foot_positions(robot: RobotParams) -> np.ndarray:
     """Feet from the robot's axis at the height of the centre of mass, shape (M, 3), m."""
     return np.array([(foot.x_m, foot.y_m, -robot.com_height_m) for foot in robot.feet])

@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 from cosim.base.jit import inlined
+from cosim.physics.feet import Feet
 from cosim.physics.rotation import Vector, cross, plus
 
 
@@ -24,6 +25,7 @@ class BodyParams(NamedTuple):
     # dt, inverse_dt: step in s and its inverse
     dt: float
     inverse_dt: float
+    feet: Feet
     contact: Any  # parameters of a law of contact, see `cosim.physics.contact`
 
 

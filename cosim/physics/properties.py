@@ -16,7 +16,7 @@ from cosim.physics.body_state import X, Y, orientation_of, read_vector
 from cosim.physics.contact import elastic, rigid
 from cosim.physics.contact.elastic import elastic_contact
 from cosim.physics.contact.rigid import CONTACT_TOLERANCE, rigid_contact
-from cosim.physics.feet import OWN_MU
+from cosim.physics.feet import OWN_MU, Feet, feet_of
 from cosim.physics.forces import MotorMount
 from cosim.physics.inertia import BodyParams
 from cosim.physics.lanes import Width, any_lane, load
@@ -62,8 +62,9 @@ def body_params(
             elastic feet need none.
     """
     mass = mass_of(robot, world)
+    feet = feet_of(robot)
     if robot.elastic:
-        contact = elastic_contact(robot, mass, dt_s)
+        contact = elastic_contact(robot, feet.pairing.order, mass, dt_s)
     else:
         contact = rigid_contact(robot, tolerance * mass.total * motor.g * dt_s, mass)
     return BodyParams(
@@ -79,21 +80,22 @@ def body_params(
         bounces=bool(world.restitution),
         dt=dt_s,
         inverse_dt=1.0 / dt_s,
+        feet=feet,
         contact=contact,
     )
 
 
 def properties_of(params: BodyParams, mounts: Sequence[MotorMount]) -> np.ndarray:
     """Column of a robot with motors, in their order, layout above."""
-    contact = params.contact
-    mu = np.empty(len(contact.mu))
-    mu[list(contact.pairing.order)] = contact.mu
+    feet = params.feet
+    mu = np.empty(len(feet.mu))
+    mu[list(feet.pairing.order)] = feet.mu
     return np.array(
         [
             params.inverse_mass,
             *(*params.inertia, *params.inverse_inertia, params.product, params.inverse_product),
             *(*params.centre, *params.gravity, params.restitution),
-            *(*contact.rows, contact.z, *mu, *mu),
+            *(*params.contact.rows, feet.z, *mu, *mu),
             *(value for mount in mounts for value in (mount.r, mount.J)),
         ]
     )
@@ -133,6 +135,7 @@ def read_params(
     """
     x, y = load(properties, CENTRE, column, width), load(properties, CENTRE + 1, column, width)
     restitution = load(properties, RESTITUTION, column, width)
+    pairing, places, _, _ = common.feet
     return BodyParams(
         load(properties, INVERSE_MASS, column, width),
         read_vector(properties, INERTIA, column, width),
@@ -146,15 +149,13 @@ def read_params(
         any_lane(restitution > 0.0),
         common.dt,
         common.inverse_dt,
-        _read_contact(
-            common.contact,
+        Feet(
+            pairing,
+            places,
             load(properties, FEET_Z, column, width),
-            _read_rows(properties, MU, column, width, common.contact.pairing.order),
-            properties,
-            LAW,
-            column,
-            width,
+            _read_rows(properties, MU, column, width, pairing.order),
         ),
+        _read_contact(common.contact, properties, LAW, column, width),
     )
 
 
@@ -218,12 +219,12 @@ def feel_patches(
             earlier ones.
     """
     axes = rotation_matrix(orientation_of(bodies[:, column]))
-    feet, order, z = common.contact.feet, common.contact.pairing.order, properties[FEET_Z, column]
+    (pairing, feet, _, _), z = common.feet, properties[FEET_Z, column]
     for k in range(len(feet)):
         x, y = feet[k]
         arm = (x, y, z)
         at_x, at_y = bodies[X, column] + dot(axes[0], arm), bodies[Y, column] + dot(axes[1], arm)
-        row = MU + order[k]
+        row = MU + pairing.order[k]
         own = mu = properties[row + len(feet), column]
         for p in range(len(patches)):
             if patches[p, 0] <= at_x < patches[p, 2] and patches[p, 1] <= at_y < patches[p, 3]:

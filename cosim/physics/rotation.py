@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from cosim.base.jit import inlined, kernel
+from cosim.physics.lanes import select
 from cosim.physics.trig import angle_of
 
 Vector = tuple[float, float, float]
@@ -31,6 +32,22 @@ def cross(a: Vector, b: Vector) -> Vector:
 def plus(a: Vector, scale: float, b: Vector) -> Vector:
     """The sum a + scale·b."""
     return a[0] + scale * b[0], a[1] + scale * b[1], a[2] + scale * b[2]
+
+
+@inlined
+def scaled(scale: float, v: Vector) -> Vector:
+    """The vector times a number."""
+    return scale * v[0], scale * v[1], scale * v[2]
+
+
+@inlined
+def either(condition: bool, yes: Vector, no: Vector) -> Vector:
+    """One of two vectors, in each lane."""
+    return (
+        select(condition, yes[0], no[0]),
+        select(condition, yes[1], no[1]),
+        select(condition, yes[2], no[2]),
+    )
 
 
 @inlined

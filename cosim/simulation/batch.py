@@ -123,7 +123,7 @@ class Batch:
         self.driver = DRIVERS[driver](self._motors, lanes)
         self.plant = new_plant(config, robots, end_on_collision=config.on_collision == "end")
         self._sizes = config.robot.sizes
-        self.state = new_state(places, robots, columns, *self._sizes)
+        self.state = new_state(places, robots, columns, self._sizes)
         self.state.bodies.properties[:] = robot_properties(config)[:, None]
         self.episodes: list[RunningEpisode | None] = [None] * places
 
@@ -242,10 +242,10 @@ class Batch:
         for place, episode in going_on.items():
             noise[:, self._columns(place)] = episode.noise.draw(periods)
         stretch = min(-(-periods // -(-self.robots // SAMPLED)), periods)
-        samples = new_samples(stretch, columns, *self._sizes)
+        samples = new_samples(stretch, columns, self._sizes)
         burst = round(self.config.timing.burst_s / self.config.timing.dt_s)
         ticks = min(burst, stretch * self.config.ticks_per_period)
-        raw = new_raw_samples(ticks, columns, *self._sizes)
+        raw = new_raw_samples(ticks, columns, self._sizes)
         begin_s = min(episode.time_s for episode in going_on.values())
         for begin in range(0, periods, stretch):
             state.episodes.periods[:] = 0
@@ -287,12 +287,12 @@ class Batch:
         """Compile the kernels, or load them from the cache, by simulating nothing."""
         columns = self.state.bodies.motion.shape[1]
         noise = np.zeros((0, columns, self._sizes[0]))
-        samples = new_samples(0, columns, *self._sizes)
-        raw = new_raw_samples(0, columns, *self._sizes)
+        samples = new_samples(0, columns, self._sizes)
+        raw = new_raw_samples(0, columns, self._sizes)
         self.driver.advance(self.plant, self.state, noise, samples, raw)
         # Arrays without rows would be contiguous, and compile another version.
         still = Measures(np.zeros((columns, 2)), np.zeros(columns), PATH_SAMPLING_S)
-        still.add(new_samples(2, columns, *self._sizes))
+        still.add(new_samples(2, columns, self._sizes))
 
     def get_state(self) -> tuple[Any, ...]:
         """Return a copy of all that changes, for `set_state`; it can be pickled."""

@@ -23,7 +23,7 @@ from cosim.physics.body_state import (
     state_size,
     write_body,
 )
-from cosim.physics.contact.rigid import CONTACT_TOLERANCE, Rigid
+from cosim.physics.contact.rigid import CONTACT_TOLERANCE
 from cosim.physics.forces import MotorMount, motor_mounts, motor_wrench
 from cosim.physics.inertia import BodyParams
 from cosim.physics.lanes import width_of
@@ -87,7 +87,7 @@ def step_body(state: np.ndarray, params: BodyParams, force: Vector, moment: Vect
 
     Arguments are those of `cosim.physics.body.stepped`.
     """
-    bodies, order = state.reshape(state.size, 1), params.contact.pairing.order
+    bodies, order = state.reshape(state.size, 1), params.feet.pairing.order
     before = read_body(bodies, 0, _ONE, order, params.contact.legs)
     after, unsolved = stepped(before, params, force, moment)
     write_body(bodies, 0, _ONE, order, after)
@@ -111,8 +111,7 @@ def push(state: np.ndarray, params: BodyParams, wrenches: np.ndarray, tally: np.
         tally: (5,) work in J of the wrenches, of normal forces and of friction, the largest work of
             both in one tick, and the number of ticks with unsolved contacts; added to.
     """
-    contact: Rigid = params.contact
-    order, (off_x, off_y), count = contact.pairing.order, params.centre, len(contact.feet)
+    (pairing, feet, z, _), (off_x, off_y), count = params.feet, params.centre, len(params.feet.mu)
     for tick in range(len(wrenches)):
         w = wrenches[tick]
         force, moment = (w[0], w[1], w[2]), (w[3], w[4], w[5])
@@ -130,8 +129,8 @@ def push(state: np.ndarray, params: BodyParams, wrenches: np.ndarray, tally: np.
         tally[0] += params.dt * (dot(force, at_axis) + dot(moment, o))
         pressed = rubbed = 0.0
         for k in range(count):
-            foot, (x, y) = order[k], contact.feet[k]
-            of_foot = plus(v, 1.0, cross(o, (x - off_x, y - off_y, contact.z)))
+            foot, (x, y) = pairing.order[k], feet[k]
+            of_foot = plus(v, 1.0, cross(o, (x - off_x, y - off_y, z)))
             first = NORMALS + count + 3 * foot
             pressed += state[NORMALS + foot] * dot(axes[2], of_foot)
             rubbed += dot((state[first], state[first + 1], state[first + 2]), of_foot)
@@ -189,7 +188,7 @@ def audit(state: np.ndarray, params: BodyParams, ticks: int) -> tuple[float, flo
     These are the excess over the cone of friction, the least normal impulse, and the depth in m.
     """
     gained, excess, least, deepest = 0.0, 0.0, 0.0, 0.0
-    contact, count = params.contact, len(params.contact.feet)
+    feet, count = params.feet, len(params.feet.mu)
     before = energy(state, params)
     for _ in range(ticks):
         step_body(state, params, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -197,12 +196,12 @@ def audit(state: np.ndarray, params: BodyParams, ticks: int) -> tuple[float, flo
         gained += max(0.0, after - before)
         before = after
         normal = rotation_matrix((state[3], state[4], state[5], state[6]))[2]
-        for x, y in contact.feet:
-            deepest = max(deepest, -state[2] - dot(normal, (x, y, contact.z)))
+        for x, y in feet.places:
+            deepest = max(deepest, -state[2] - dot(normal, (x, y, feet.z)))
         for foot in range(count):
             first, pressed = NORMALS + count + 3 * foot, state[NORMALS + foot]
             q = state[first], state[first + 1], state[first + 2]
-            limit = contact.mu[foot] * pressed * (1.0 + 1e-15)
+            limit = feet.mu[foot] * pressed * (1.0 + 1e-15)
             excess = max(excess, math.sqrt(dot(q, q)) - limit)
             least = min(least, pressed)
     return gained, excess, least, deepest

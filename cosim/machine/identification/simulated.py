@@ -289,7 +289,7 @@ def tracks(
     config = CoSimConfig().merged(not_calibrated(len(motors)), given)
     plant = new_plant(config, 1, end_on_collision=False, motors=motors)
     columns = columns_of(len(machines), lanes)
-    state = new_state(len(machines), 1, columns, *robot.sizes)
+    state = new_state(len(machines), 1, columns, robot.sizes)
     turning = np.empty((len(omega), len(motors), columns))
     turning[:] = (own := omega.reshape(*omega.shape[:2], -1))[:, :, :1]
     turning[:, :, : len(machines)] = own

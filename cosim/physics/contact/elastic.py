@@ -21,11 +21,21 @@ from cosim.base.arguments import ConfigError
 from cosim.base.jit import inlined, unrolled
 from cosim.model.params import Leg, RobotParams
 from cosim.physics.body_state import Body
-from cosim.physics.feet import Impulse, LegState, Pairing, Response, delassus, paired
+from cosim.physics.feet import Impulse, LegState, Response, delassus
 from cosim.physics.inertia import BodyParams, about_centre, times
 from cosim.physics.lanes import Width, select
 from cosim.physics.mass import Mass
-from cosim.physics.rotation import Matrix, Vector, cross, dot, plus, to_body, to_world
+from cosim.physics.rotation import (
+    Matrix,
+    Vector,
+    cross,
+    dot,
+    either,
+    plus,
+    scaled,
+    to_body,
+    to_world,
+)
 from cosim.physics.trig import sine_cosine
 
 
@@ -39,37 +49,17 @@ class Beam(NamedTuple):
 
 
 class Elastic(NamedTuple):
-    """Elastic legs of a robot, in the order of the pairing (body frame)."""
+    """Elastic legs of a robot, in the order of its feet, where straight legs have their tips."""
 
-    pairing: Pairing
-    # Positions (x, y) of the tips of straight legs, from the robot's axis, m
-    feet: tuple[tuple[float, float], ...]
-    z: float  # of all of them, from the height of the centre of mass, m
-    # Coulomb friction coefficient under each of them; or NO_FLOOR
-    mu: tuple[float, ...]
     legs: tuple[Beam, ...]
-    dt: float  # s
-
-    @property
-    def rows(self) -> tuple[float, ...]:
-        """Values that a world changes: none, in the place of those of the rigid law."""
-        return (0.0,) * 5
+    rows = (0.0,) * 5  # a world changes none of its values
 
 
-def elastic_contact(robot: RobotParams, mass: Mass, dt_s: float) -> Elastic:
-    """Legs of a robot; a time step that is too long for them raises a ConfigError."""
-    pairing = paired([(foot.x_m, foot.y_m) for foot in robot.feet])
-    feet = [robot.feet[k] for k in pairing.order]
-    legs = [foot.leg for foot in feet if foot.leg is not None]
+def elastic_contact(robot: RobotParams, order: tuple[int, ...], mass: Mass, dt_s: float) -> Elastic:
+    """Legs of a robot, in an order; a step that is too long for them raises a ConfigError."""
     _require_stable(robot, mass, dt_s)
-    return Elastic(
-        pairing,
-        tuple((foot.x_m, foot.y_m) for foot in feet),
-        -robot.com_height_m,
-        tuple(robot.mu if foot.mu is None else foot.mu for foot in feet),
-        tuple(_beam(leg, dt_s) for leg in legs),
-        dt_s,
-    )
+    legs = [robot.feet[k].leg for k in order]
+    return Elastic(tuple(_beam(leg, dt_s) for leg in legs if leg))
 
 
 def _beam(leg: Leg, dt_s: float) -> Beam:
@@ -124,17 +114,9 @@ def _require_stable(robot: RobotParams, mass: Mass, dt_s: float) -> None:
 
 
 @inlined
-def read(
-    contact: Elastic,
-    z: float,
-    mu: tuple[float, ...],
-    properties: np.ndarray,
-    row: int,
-    column: int,
-    width: Width,
-) -> Elastic:
-    """Parameters of the robots from a column of properties on."""
-    return Elastic(contact.pairing, contact.feet, z, mu, contact.legs, contact.dt)
+def read(contact: Elastic, properties: np.ndarray, row: int, column: int, width: Width) -> Elastic:
+    """Parameters of the robots from a column of properties on: those of all."""
+    return contact
 
 
 @inlined
@@ -147,10 +129,10 @@ def response(
     omega: Vector,
 ) -> Response:
     """What the floor does to a body in a step, see `cosim.physics.contact`."""
+    _, feet, z, mu = params.feet
     impulses, legs, total, moment = _pushed(
-        contact.feet, contact.legs, contact.mu, body.impulses, body.legs, contact, body,
-        world_from_body,
-    )  # fmt: skip
+        feet, contact.legs, mu, body, body.impulses, body.legs, z, world_from_body, params.dt
+    )
     moment = about_centre(moment, total, params)
     turn = times(params.inverse_inertia, params.inverse_product, moment, params)
     never = body.position[2] > math.inf
@@ -162,24 +144,25 @@ def _pushed(
     feet: tuple[tuple[float, float], ...],
     beams: tuple[Beam, ...],
     mu: tuple[float, ...],
+    body: Body,
     before: tuple[Impulse, ...],
     states: tuple[LegState, ...],
-    contact: Elastic,
-    body: Body,
+    z: float,
     world_from_body: Matrix,
+    dt: float,
 ) -> tuple[tuple[Impulse, ...], tuple[LegState, ...], Vector, Vector]:
     """Impulses and legs of feet after a step; sums of impulses and of their moments, body frame."""
-    arm = feet[0][0], feet[0][1], contact.z
+    arm = feet[0][0], feet[0][1], z
     root = plus(body.position, 1.0, to_world(world_from_body, arm))
     impulse, state = _pushed_leg(
-        beams[0], root, mu[0], before[0][0], states[0], world_from_body, contact.dt
+        beams[0], root, mu[0], before[0][0], states[0], world_from_body, dt
     )
     push = plus(impulse[1], impulse[0], world_from_body[2])
     moment = cross(plus(arm, 1.0, state[0]), push)
     if len(feet) == 1:
         return (impulse,), (state,), push, moment
     impulses, others, pushes, moments = _pushed(
-        feet[1:], beams[1:], mu[1:], before[1:], states[1:], contact, body, world_from_body
+        feet[1:], beams[1:], mu[1:], body, before[1:], states[1:], z, world_from_body, dt
     )
     total, levers = plus(push, 1.0, pushes), plus(moment, 1.0, moments)
     return (impulse, *impulses), (state, *others), total, levers
@@ -202,8 +185,7 @@ def _pushed_leg(
         pressed: normal impulse of the step before: the tip was on the floor if it is positive.
     """
     deflection, (tip_x, tip_y) = state
-    memory = beam.memory
-    relaxed = memory * deflection[0], memory * deflection[1], memory * deflection[2]
+    relaxed = scaled(beam.memory, deflection)
     rest = plus(root, 1.0, to_world(world_from_body, relaxed))  # of the tip, if it were free
     axis = to_world(world_from_body, beam.axis)
     free = (rest[2] >= 0.0) | (mu < 0.0)
@@ -236,32 +218,19 @@ def _pushed_leg(
     slip_x = (force[0] - lean * axis[0]) / beam.bending
     slip_y = (force[1] - lean * axis[1]) / beam.bending
     lifted = beam.stiffening * axis[2] * (axis[0] * slip_x + axis[1] * slip_y)
-    x = select(slides, force[0] - s * less[0], 0.0)
-    y = select(slides, force[1] - s * less[1], 0.0)
-    z = select(slides, force[2] - s * less[2], force[2] - lifted)
+    slid = either(slides, plus(force, -s, less), (0.0, 0.0, force[2] - lifted))
     slip_x, slip_y = select(slides, s * against[0], slip_x), select(slides, s * against[1], slip_y)
     tip_x = select(sticks, tip_x, tip_x - slip_x)
     tip_y = select(sticks, tip_y, tip_y - slip_y)
 
     bent = to_body(world_from_body, (tip_x - root[0], tip_y - root[1], -root[2]))
-    bent = (
-        select(free, relaxed[0], bent[0]),
-        select(free, relaxed[1], bent[1]),
-        select(free, relaxed[2], bent[2]),
-    )
-    x = select(free, 0.0, dt * select(sticks, force[0], x))
-    y = select(free, 0.0, dt * select(sticks, force[1], y))
-    z = select(free, 0.0, dt * select(sticks, force[2], z))
-    return (z, to_body(world_from_body, (x, y, 0.0 * x))), (bent, (tip_x, tip_y))
+    x, y, z = either(free, (0.0, 0.0, 0.0), scaled(dt, either(sticks, force, slid)))
+    impulse = z, to_body(world_from_body, (x, y, 0.0 * x))
+    return impulse, (either(free, relaxed, bent), (tip_x, tip_y))
 
 
 @inlined
 def _elastic_force(beam: Beam, axis: Vector, deflection: Vector) -> Vector:
     """Force of a leg on the body by a deflection of its tip; all in one frame."""
-    scale = beam.stiffening * dot(axis, deflection)
-    bent = (
-        beam.bending * deflection[0],
-        beam.bending * deflection[1],
-        beam.bending * deflection[2],
-    )
-    return plus(bent, scale, axis)
+    along = beam.stiffening * dot(axis, deflection)
+    return plus(scaled(beam.bending, deflection), along, axis)

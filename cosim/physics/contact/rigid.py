@@ -18,11 +18,11 @@ import numpy as np
 from cosim.base.jit import inlined, unrolled
 from cosim.model.params import RobotParams
 from cosim.physics.body_state import Body
-from cosim.physics.feet import Impulse, Pairing, Response, delassus, paired
+from cosim.physics.feet import Impulse, Response, delassus
 from cosim.physics.inertia import BodyParams, about_centre, at_axis, times
 from cosim.physics.lanes import Width, any_lane, load, select
 from cosim.physics.mass import Mass, mass_of
-from cosim.physics.rotation import Matrix, Quaternion, Vector, cross, dot, plus
+from cosim.physics.rotation import Matrix, Quaternion, Vector, cross, dot, either, plus, scaled
 
 # Share of a penetration removed per step. Solver residuals leave some 1e-12 m; removing them at
 # once would act as noise on the normal force, never removing them would let the robot sink.
@@ -41,14 +41,8 @@ COMPLIANCE = 1.0 / 6.0
 
 
 class Rigid(NamedTuple):
-    """Geometry and step sizes of the contact solver (body frame)."""
+    """Step sizes of the contact solver."""
 
-    pairing: Pairing
-    # Positions (x, y) of feet, from the robot's axis, in the order of the pairing, m
-    feet: tuple[tuple[float, float], ...]
-    z: float  # of all of them, from the height of the centre of mass, m
-    # Coulomb friction coefficient under each of them, static = kinetic; or NO_FLOOR
-    mu: tuple[float, ...]
     # step_normal, step_tangential: step sizes of the projected gradient in kg
     step_normal: float
     step_tangential: float
@@ -62,13 +56,7 @@ class Rigid(NamedTuple):
     @property
     def rows(self) -> tuple[float, ...]:
         """Values that a world changes."""
-        return (
-            self.step_normal,
-            self.step_tangential,
-            self.spin_inertia,
-            self.tolerance,
-            self.compliance,
-        )
+        return self[:5]
 
 
 def rigid_contact(robot: RobotParams, tolerance: float, mass: Mass | None = None) -> Rigid:
@@ -79,12 +67,10 @@ def rigid_contact(robot: RobotParams, tolerance: float, mass: Mass | None = None
     geometry. The operator includes the compliance.
     """
     mass = mass or mass_of(robot)
-    pairing = paired([(foot.x_m, foot.y_m) for foot in robot.feet])
-    feet = [robot.feet[k] for k in pairing.order]
     operator = delassus(robot, mass)
     normal = np.arange(len(operator)) % 3 == 2
     compliance = 0.0
-    if len(feet) > 3:
+    if len(robot.feet) > 3:
         compliance = _rounded(COMPLIANCE * np.diag(operator)[normal].sum() / 3.0)
         operator[normal, normal] += compliance
     scale = np.empty(len(operator))
@@ -93,10 +79,6 @@ def rigid_contact(robot: RobotParams, tolerance: float, mass: Mass | None = None
     root = np.sqrt(scale)
     largest = np.linalg.eigvalsh(operator / np.outer(root, root))[-1]
     return Rigid(
-        pairing,
-        tuple((foot.x_m, foot.y_m) for foot in feet),
-        -robot.com_height_m,
-        mu=tuple(robot.mu if foot.mu is None else foot.mu for foot in feet),
         step_normal=_rounded(1.0 / (largest * scale[2])),
         step_tangential=_rounded(1.0 / (largest * scale[0])),
         spin_inertia=mass.inertia[2] / robot.foot_radius_m,
@@ -112,21 +94,9 @@ def _rounded(value: float) -> float:
 
 
 @inlined
-def read(
-    contact: Rigid,
-    z: float,
-    mu: tuple[float, ...],
-    properties: np.ndarray,
-    row: int,
-    column: int,
-    width: Width,
-) -> Rigid:
+def read(contact: Rigid, properties: np.ndarray, row: int, column: int, width: Width) -> Rigid:
     """Parameters of the robots from a column of properties on, whose `rows` begin at a row."""
     return Rigid(
-        contact.pairing,
-        contact.feet,
-        z,
-        mu,
         load(properties, row, column, width),
         load(properties, row + 1, column, width),
         load(properties, row + 2, column, width),
@@ -187,7 +157,7 @@ def gradient_step(
     length_2 = dot(friction, friction)
     slides = length_2 > limit * limit
     shrink = select(slides, limit / math.sqrt(length_2), 1.0)
-    return pressed, (shrink * friction[0], shrink * friction[1], shrink * friction[2])
+    return pressed, scaled(shrink, friction)
 
 
 @inlined
@@ -199,12 +169,12 @@ def with_impulses(
     impulses: tuple[Impulse, ...],
 ) -> tuple[Vector, Vector, Vector]:
     """Velocities (body frame) after the contact impulses, and the total impulse in N s."""
-    contact = params.contact
-    total, levers = _summed(contact.pairing.pairs, contact.feet, impulses, normal)
+    feet = params.feet
+    total, levers = _summed(feet.pairing.pairs, feet.places, impulses, normal)
     # Σ r × j of feet (x, y, z)
     twist = (
-        levers[1] - contact.z * total[1],
-        contact.z * total[0] - levers[0],
+        levers[1] - feet.z * total[1],
+        feet.z * total[0] - levers[0],
         levers[2] - levers[3],
     )
     twist = about_centre(twist, total, params)
@@ -275,12 +245,12 @@ def _least_speeds(
     if len(feet) == 0:
         return ()
     x, y = feet[0]
-    gap = body.position[2] + dot(normal, (x, y, params.contact.z))
+    gap = body.position[2] + dot(normal, (x, y, params.feet.z))
     least = allowed_approach(gap, params.inverse_dt)
     if params.bounces:
         if params.off_axis:
             x, y = x - params.centre[0], y - params.centre[1]
-        foot = x, y, params.contact.z
+        foot = x, y, params.feet.z
         before = body.velocity[2] + dot(cross(normal, body.omega), foot)
         least = impact_speed(gap, before, least, params.restitution, params.inverse_dt)
     least = select(mu[0] < 0.0, -math.inf, least)
@@ -310,20 +280,12 @@ def _after_sweep(
     along, across, up = velocity
     of_foot = along - omega[2] * y, across + omega[2] * x, up - omega[1] * x + omega[0] * y
     after = gradient_step(impulses[0], of_foot, normal, least[0], mu[0], contact)
-    kept = _where(going_on, after, impulses[0])
+    friction = either(going_on, after[1], impulses[0][1])
+    kept = select(going_on, after[0], impulses[0][0]), friction
     rest = _after_sweep(
         feet[1:], impulses[1:], mu[1:], least[1:], velocity, omega, normal, contact, going_on
     )
     return (kept, *rest)
-
-
-@inlined
-def _where(condition: bool, yes: Impulse, no: Impulse) -> Impulse:
-    return select(condition, yes[0], no[0]), (
-        select(condition, yes[1][0], no[1][0]),
-        select(condition, yes[1][1], no[1][1]),
-        select(condition, yes[1][2], no[1][2]),
-    )
 
 
 @inlined
@@ -337,7 +299,7 @@ def response(
 ) -> Response:
     """What the floor does to a body in a step, see `cosim.physics.contact`."""
     free_velocity, free_omega, normal = velocity, omega, world_from_body[2]
-    feet, mu, impulses, pairs = contact.feet, contact.mu, body.impulses, contact.pairing.pairs
+    (pairing, feet, z, mu), impulses = params.feet, body.impulses
     least = _least_speeds(feet, mu, body, normal, params)
     v, omega, total = with_impulses(free_velocity, free_omega, params, normal, impulses)
     change = select(body.position[2] < math.inf, math.inf, 0.0)
@@ -347,11 +309,11 @@ def response(
         if not any_lane(going_on):
             break
         of_axis = at_axis(v, omega, params)
-        lowest = of_axis[0] + omega[1] * contact.z, of_axis[1] - omega[0] * contact.z, of_axis[2]
+        lowest = of_axis[0] + omega[1] * z, of_axis[1] - omega[0] * z, of_axis[2]
         after = _after_sweep(feet, impulses, mu, least, lowest, omega, normal, contact, going_on)
         before, spin = total, omega[2]
         v, omega, total = with_impulses(free_velocity, free_omega, params, normal, after)
-        change = _change_of_loads(pairs, after, impulses)
+        change = _change_of_loads(pairing.pairs, after, impulses)
         change += abs(total[0] - before[0]) + abs(total[1] - before[1])
         change += contact.spin_inertia * abs(omega[2] - spin)
         impulses = after

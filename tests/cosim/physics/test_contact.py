@@ -93,7 +93,7 @@ def test_solutions_obey_signorini_and_coulomb(v, omega, mu):
 
     Signorini: λ ≥ 0, u_N ≥ 0, λ u_N = 0. Coulomb: |q| ≤ μ λ, and sliding feet have q = −μ λ t.
     """
-    params = CONVERGED._replace(contact=CONVERGED.contact._replace(mu=(mu, mu, mu)))
+    params = CONVERGED._replace(feet=CONVERGED.feet._replace(mu=(mu, mu, mu)))
     state = body_state.standing_state(TABLE_I, 0.0, 0.0, 0.0)
     state[body_state.VELOCITY], state[body_state.ANGULAR_VELOCITY] = v, omega
     before = state.copy()

@@ -160,7 +160,7 @@ def test_a_dropped_body_regains_no_energy_and_keeps_the_cone(machine, tilt, towa
 
 @kernel
 def step_together(bodies: np.ndarray, params: BodyParams, width: Width, ticks: int) -> None:
-    order, lanes = params.contact.pairing.order, len(width)
+    order, lanes = params.feet.pairing.order, len(width)
     for column in range(0, bodies.shape[1], lanes):
         for _ in range(ticks):
             body = read_body(bodies, column, width, order, params.contact.legs)

@@ -102,7 +102,7 @@ def _sprung(
             normal = max(0.0, -stiffness * gap - damping * moved[2])
             if gap < 0.0 and normal > 0.0:
                 # Friction grows linearly with the slip up to a speed that hardly counts.
-                drag = -body.contact.mu[i] * normal / max(slow, math.hypot(moved[0], moved[1]))
+                drag = -body.feet.mu[i] * normal / max(slow, math.hypot(moved[0], moved[1]))
                 at_foot = (drag * moved[0], drag * moved[1], normal)
                 total = plus(total, 1.0, at_foot)
                 moment = plus(moment, 1.0, cross(arm, to_body(world_from_body, at_foot)))

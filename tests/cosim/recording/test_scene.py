@@ -45,7 +45,7 @@ def step(number: int, config: CoSimConfig, outcome: str = "") -> Step:
     """An RL step of some of many robots; x of every pose is its time in s, y is k mm of robot k."""
     periods = round(RL_STEP_S / TIMING.control_period_s)
     sizes = config.robot.sizes
-    samples = new_samples(periods, len(CHOSEN), *sizes)
+    samples = new_samples(periods, len(CHOSEN), sizes)
     ends_s = number * RL_STEP_S + TIMING.control_period_s * np.arange(1, periods + 1)
     samples.position[..., 0] = ends_s[:, None]
     samples.position[..., 1] = 1e-3 * np.array(CHOSEN)
@@ -59,7 +59,7 @@ def step(number: int, config: CoSimConfig, outcome: str = "") -> Step:
     seen = Observation(np.array(CELLS), none, none, none, np.array(BOARD.targets), np.array(CELLS))
     flags = np.zeros(ROBOTS, dtype=bool)
     ticks = round(number * RL_STEP_S / TIMING.dt_s)
-    raw = new_raw_samples(0, len(CHOSEN), *sizes)
+    raw = new_raw_samples(0, len(CHOSEN), sizes)
     return Step(
         number, ticks, seen, seen, none, flags, flags, samples, raw, none, Outcome(outcome),
         RL_STEP_S, np.zeros(ROBOTS), CHOSEN, poses,
