@@ -1,9 +1,9 @@
 """Write what a study found into docs/results: `uv run python .ci/studies.py runs/NAME`.
 
-NAME.json has the numbers of the pages (`.ci/pages.py`), by policy and scenario, all of them for the
-last scenario of the study, which is the hardest, and over all worlds together. NAME.csv has a row
-for every training: what each of its episodes ended in, in the order of the sample (s is success, c
-a collision, o out of the board, t the end of the time).
+NAME.json has the numbers of the pages (`.ci/pages.py`), by policy and scenario (with the shield
+SCENARIO_shield), all of them for the last scenario of the study, which is the hardest, and over all
+worlds together. NAME.csv has a row for every training: what each of its episodes ended in, in the
+order of the sample (s is success, c a collision, o out of the board, t the end of the time).
 """
 
 import csv
@@ -70,10 +70,13 @@ def main(folder: Path) -> None:
     hardest = rows[-1]["scenario"]
     for row in rows:
         own = numbers(row) if row["scenario"] == hardest else {"success": percent(row, "success")}
-        found.setdefault(row["policy"], {})[row["scenario"]] = own
+        shielded = "_shield" * bool(row.get("shield"))
+        found.setdefault(row["policy"], {})[f"{row['scenario']}{shielded}"] = own
     episodes = pd.read_parquet(folder / "episodes.parquet")
-    last, axes = episodes[episodes.scenario == hardest], ["world"] if "world" in episodes else []
-    for policy in found if axes else ():
+    axes = [axis for axis in ("world", "shield") if axis in episodes]
+    last = episodes[episodes.scenario == hardest]
+    last = last[~last.shield] if "shield" in axes else last
+    for policy in found if "world" in axes else ():
         found[policy][hardest] = over_worlds(successes(last, policy))
     for key, pair in DIFFERENCES.get(name, {}).items():
         difference = paired_difference(*(successes(last, pattern) for pattern in pair))

@@ -21,15 +21,19 @@ from cosim.base.colours import BLACK, robot_colour
 from cosim.base.plotting import styled
 from cosim.base.progress import Progress
 from cosim.base.provenance import versions
-from cosim.base.reading import parsing
+from cosim.base.reading import Kind, parsing
 from cosim.coupling.rl_step import sampled_of
 from cosim.recording.file import Kept
-from cosim.recording.reader import EPISODE, Episode, RecordingData, read_chunks, read_rrd
+from cosim.recording.reader import Episode, RecordingData, read_chunks, read_rrd
 from cosim.simulation.episode import RunningEpisode
 from cosim.simulation.options import Physics
 from cosim.simulation.tasks import EpisodeOrigin, Record, Task, simulate_tasks
 
 Recorded = Episode | RecordingData
+_REPLAYABLE = Kind(
+    "recording with the parameters of this version",
+    "replay it with the version that recorded it, which `minirobots inspect` prints",
+)
 _NONE = (np.empty(0), np.empty(0))
 _STYLES = ("-", "--")  # of the first episode and of the second
 _CURVES = 3  # signals that are drawn, at most
@@ -133,7 +137,7 @@ def replay(
         those of the recording, recorded and now.
     """
     data = read_rrd(recording)
-    with parsing(recording, EPISODE):
+    with parsing(recording, _REPLAYABLE):
         origin = msgspec.json.decode(data.properties["origin"]["task"], type=EpisodeOrigin)
         level = data.properties["episode"]["record"]
         signals = msgspec.json.decode(data.properties["episode"].get("signals", "[]"))

@@ -32,7 +32,9 @@ class Profile:
     # in co-simulation
     transfer_scenarios: tuple[str, ...] = tuple(PAPER)
     transfer_methods: tuple[MethodName, ...] = ("moves", "paper")
-    transfer_episodes: int = 50  # of every row of that table
+    # transfer_trainings, transfer_episodes: trainings of each of them, episodes of each training
+    transfer_trainings: int = 10
+    transfer_episodes: int = 10
 
     def episodes_of(self, experiment: str) -> int:
         """Return the training episodes of a run of an experiment."""
@@ -51,5 +53,6 @@ QUICK = Profile(
     single_episodes=2,
     pair_episodes=1,
     transfer_scenarios=("1a", "2"),
+    transfer_trainings=2,
     transfer_episodes=2,
 )

@@ -62,6 +62,7 @@ def compared(profile: Profile, seed: int, jobs: int) -> dict[str, Any]:
     return {
         "policies": list(profile.transfer_methods),
         "scenario": list(profile.transfer_scenarios),
+        "trainings": profile.transfer_trainings,
         "episodes": profile.transfer_episodes,
         "shield": [False, True],
         "seed": seed,

@@ -417,7 +417,7 @@ def observed(motion: DriveObservation, robots: int, worlds: np.ndarray | None) -
     if robots > 1:
         positions = poses[:, :2].reshape(-1, robots, 2)
         apart = positions[:, None] - positions[:, :, None]
-        gaps = np.linalg.norm(apart, axis=2) + np.diag([np.inf] * robots)
+        gaps = np.linalg.norm(apart, axis=-1) + np.diag([np.inf] * robots)
         nearest = np.take_along_axis(apart, gaps.argmin(axis=2)[..., None, None], axis=2)
         parts.append(in_frames(nearest.reshape(-1, 2), cos, sin) / _LENGTH_M)
     if worlds is not None:

@@ -203,8 +203,9 @@ POLICY, SCENARIO, METHOD = field("policy"), field("scenario"), field("policy", h
 MU = field("mu", "{:g}", "µ")
 SHIELD = Column("shield", lambda row: "on" if row.shield else "off")
 PATH_RATIO = interval_column("path_ratio_to_grid", 3, heading="× own grid path")
+TRAININGS = Column("trainings", _of_trainings)
 OUTCOMES = (
-    Column("trainings", _of_trainings),
+    TRAININGS,
     Column("episodes", _episodes),
     rate_column("success"),
     rate_column("collision"),
@@ -227,7 +228,7 @@ def option_column(name: str, heading: str | None = None) -> Column:
 OF_POLICIES = (
     POLICY,
     SCENARIO,
-    Column("trainings", _of_trainings),
+    TRAININGS,
     Column("episodes", lambda r: f"{r.episodes}" if r.claim else f"{r.episodes} of {r.starts}"),
     *map(rate_column, ENDS),
     *MEASURES[1:3],

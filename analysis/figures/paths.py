@@ -182,7 +182,7 @@ def _judged(scenarios: tuple[str, ...], results: Path) -> tuple[str, str]:
             parts.append(f"{row.scenario} in {reached} of {row.episodes} {ends}")
             holds[f"in {row.scenario}"] = reached == row.episodes
     if not parts:
-        return "not evaluated: see `minirobots study docs/studies/transfer.toml`", UNTESTED
+        return "not evaluated: see `minirobots study docs/studies/methods.toml`", UNTESTED
     return (
         f"driven in the dynamics, without a shield: {', '.join(parts)} episodes",
         verdict(all(holds.values())) if len({*holds.values()}) == 1 else verdicts(holds),

@@ -1,4 +1,4 @@
-"""Success in the full co-simulation by training method, from the study docs/studies/transfer.toml.
+"""Success in the full co-simulation by training method, from the study docs/studies/methods.toml.
 
 The paper has no such figure: it says of no number whether it was reached on the grid or with the
 dynamics.
@@ -67,7 +67,7 @@ def drawing_of(rows: list[Row]) -> Drawing:
 @figure(
     "transfer",
     "Success of trained policies in the full co-simulation by training method and scenario; "
-    "bars: 95 % intervals over episodes",
+    "bars: 95 % intervals over trainings and starts",
     claim="all targets are reached without collisions (it does not say whether with the dynamics).",
     inputs=("transfer",),
 )

@@ -97,7 +97,7 @@ RESULTS: dict[str, Result] = {
             "transfer",
             "study",
             "study.json",
-            arguments=("docs/studies/transfer.toml",),
+            arguments=("docs/studies/methods.toml",),
         ),
         _experiment("sequel", "training of groups (sequel)", "--episodes", str(SEQUEL_EPISODES)),
     )

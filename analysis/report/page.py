@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import jinja2
 
-from agent.evaluation.rows import METHOD, MU, PATH_RATIO, SCENARIO, SHIELD, rate_column
+from agent.evaluation.rows import METHOD, MU, PATH_RATIO, SCENARIO, SHIELD, TRAININGS, rate_column
 from agent.evaluation.run import RunSummary
 from agent.evaluation.statistics import interval_text
 from agent.experiments.results import ExperimentResult
@@ -62,7 +62,16 @@ _MEASURES = (
     ("moves", "steps", 2, 1.0, ""),
     ("path over shortest", "ratio_to_bound", 3, 1.0, ""),
 )
-_TRANSFER = (SCENARIO, METHOD, MU, SHIELD, field("episodes"), *map(rate_column, ENDS), PATH_RATIO)
+_TRANSFER = (
+    SCENARIO,
+    METHOD,
+    MU,
+    SHIELD,
+    TRAININGS,
+    field("episodes"),
+    *map(rate_column, ENDS),
+    PATH_RATIO,
+)
 # Of what no reproduction measures.
 _UNMEASURED = (
     Claim("Sec. V: training takes “about 10 minutes”", "see the table Time on this page", NOTHING),
@@ -117,8 +126,8 @@ def transfer_table(report: Report) -> ReportTable:
     """Return the table of success in co-simulation, by method."""
     return ReportTable(
         "Success in co-simulation by training method",
-        "Policies in the full dynamics with noise on the measured speeds; shares with 95 % Wilson "
-        "intervals.",
+        "Policies in the full dynamics with noise on the measured speeds; shares with 95 % "
+        "intervals over trainings and starts.",
         RESULTS["transfer"].command(Path("results")),
         tuple(column.heading for column in _TRANSFER),
         [tuple(column.text(row) for column in _TRANSFER) for row in report.rows],

@@ -25,6 +25,7 @@ TINY = Profile(
     episode_limit_s=30.0,  # five bursts of recordings, in one of which a robot drives
     transfer_scenarios=("1a",),
     transfer_methods=("paper",),
+    transfer_trainings=2,
     transfer_episodes=2,
 )
 

@@ -17,6 +17,7 @@ from cosim.base.progress import silent
 from minirobots import reproduction as stages
 from minirobots.commands.paper import Reproduce
 from minirobots.reproduction import command_of, compared, reproduce
+from tests.fingerprint import changes, fingerprint, parts
 
 
 @pytest.fixture
@@ -143,7 +144,8 @@ def test_amounts_are_those_of_the_page_and_seeds_those_of_everything_random():
     for result in RESULTS.values():
         if result.maker == "study":
             options = compared(FULL, 7, 1)
-            assert (options["episodes"], len(options["scenario"])) == (50, 5)
+            assert (options["trainings"], options["episodes"]) == (10, 10)
+            assert len(options["scenario"]) == 5
         else:
             options = vars(command_of(result, Path("x"), FULL, 7, 1))
         if result.maker == "experiments":
@@ -152,3 +154,8 @@ def test_amounts_are_those_of_the_page_and_seeds_those_of_everything_random():
         options |= vars(options.pop("physics")) if result.maker == "run" else {}
         seeds = {name: value for name, value in options.items() if name.endswith("seed")}
         assert set(seeds.values()) <= {7}, (result.name, seeds)
+
+
+def test_outputs_are_those_of_the_golden_file(reproduction):
+    page = dict(parts(reproduction / "report" / "index.html", "report"))
+    assert not changes("reproduction", fingerprint(reproduction / "figures", "") | page)

@@ -5,8 +5,6 @@ not count. Then it runs with another value of one option. Lines, numbers, arrays
 pictures that do not repeat the option itself must differ, or the command refuses the value.
 """
 
-import hashlib
-import json
 import re
 import shlex
 import shutil
@@ -15,12 +13,11 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
-import numpy as np
 import pytest
 
 from cosim.base.errors import UserError
-from cosim.recording.reader import read_rrd
 from minirobots.commands import COMMANDS, class_of
+from tests.fingerprint import fingerprint
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 
@@ -317,45 +314,6 @@ def _options(kind: Any) -> Iterator[str]:
             yield from _options(own)
         elif not any("Positional" in mark for mark in marks):
             yield _NAMES.get(field.name, field.name.replace("_", "-"))
-
-
-def fingerprint(folder: Path, text: str) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for k, line in enumerate(text.splitlines()):
-        found |= _leaves("json", json.loads(line)) if line[:1] == "{" else {f"line {k}": line}
-    for path in sorted(folder.rglob("*")):
-        if path.is_file():
-            found |= dict(_parts(path, str(path.relative_to(folder))))
-    return found
-
-
-def _parts(path: Path, name: str) -> Iterator[tuple[str, Any]]:
-    """Content of a file, by what it is of; settings are left out."""
-    if path.suffix == ".json":
-        yield from _leaves(name, json.loads(path.read_text("utf-8"))).items()
-    elif path.suffix == ".npz":
-        with np.load(path) as arrays:
-            for key in set(arrays.files) - {"config"}:
-                yield f"{name} {key}", _hash(arrays[key].tobytes())
-    elif path.suffix == ".rrd":
-        for key, signal in read_rrd(path).signals.items():
-            yield f"{name} {key}", _hash(signal.time_s.tobytes() + signal.values.tobytes())
-    elif path.suffix in (".csv", ".html", ".md", ".svg", ".toml", ".txt"):
-        for k, line in enumerate(path.read_text("utf-8").splitlines()):
-            yield f"{name} {k}", line
-    else:
-        yield name, _hash(path.read_bytes())
-
-
-def _leaves(name: str, content: Any) -> dict[str, Any]:
-    if not isinstance(content, dict | list):
-        return {name: content}
-    pairs = content.items() if isinstance(content, dict) else enumerate(content)
-    return {k: v for key, value in pairs for k, v in _leaves(f"{name} {key}", value).items()}
-
-
-def _hash(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
 
 
 def _repeats(key: str, content: Any, option: str, values: list[str]) -> bool:

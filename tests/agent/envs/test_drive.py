@@ -70,6 +70,20 @@ def test_pairs_see_each_other_and_worlds_are_observed():
     env.close()
 
 
+def test_robots_of_a_group_see_the_nearest_of_the_others():
+    env = DriveVectorEnv(1, "4-cross")
+    rows, _ = env.reset(seed=3)
+    wide_m = np.array(env.scenario.size_m)
+    places = rows[:, 4:6] * wide_m
+    for row, place in zip(rows, places, strict=True):
+        apart = places - place
+        offset = min(apart[np.hypot(*apart.T) > 1e-6], key=lambda vector: np.hypot(*vector))
+        sine, cosine = row[2:4]
+        turned = offset @ np.array([[cosine, -sine], [sine, cosine]])
+        assert 0.1 * row[-2:] == pytest.approx(turned, abs=1e-6)
+    env.close()
+
+
 @pytest.mark.parametrize("ends", ["together", "own"])
 def test_a_row_of_a_pair_ends_once(ends):
     env = DriveVectorEnv(1, "2", ends=ends, max_episode_steps=3)

@@ -131,7 +131,7 @@ def test_paths_are_judged_by_the_transfer_study(results, tmp_path, row, write_tr
     for figure in figures:
         assert figure(tmp_path).judged == (
             (
-                "not evaluated: see `minirobots study docs/studies/transfer.toml`",
+                "not evaluated: see `minirobots study docs/studies/methods.toml`",
                 "cannot be tested",
             ),
         )

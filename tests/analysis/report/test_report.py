@@ -114,11 +114,11 @@ def test_empty_and_damaged_results(tmp_path):
 
 def test_transfer_is_a_table_with_intervals(row):
     table = transfer_table(Report(seed=0, rows=(row("4", "moves", 0.85),)))
-    assert table.command == "minirobots study docs/studies/transfer.toml --out results/transfer"
+    assert table.command == "minirobots study docs/studies/methods.toml --out results/transfer"
     (cells,) = table.rows
     assert len(cells) == len(table.header)
     assert cells[-1] == "–"
-    assert cells[:6] == ("4", "moves", "0.15", "off", "50", "85.0% [75.0, 95.0]")
+    assert cells[:7] == ("4", "moves", "0.15", "off", "–", "50", "85.0% [75.0, 95.0]")
 
 
 def test_what_a_reproduction_has_not_drawn_is_made_by_its_command(tmp_path):
