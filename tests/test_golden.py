@@ -133,7 +133,7 @@ CASES = {
         "train --scenario pair.toml --learning.episodes 6000 --learning.log-episodes 500 --runs 2 "
         "--seed 3 --jobs 1 --out OUT",
         "evaluate OUT/run_000/policy.npz OUT/run_001/policy.npz --grid",
-        "run OUT/run_001/policy.npz --scenario pair.toml --time-limit 4 --no-record --out OUT/run",
+        "run OUT/run_001/policy.npz --scenario pair.toml --time-limit 4 --out OUT/run",
         "experiments fig10 --runs 2 --episodes 3000 --jobs 1 --out OUT/fig10",
     ],
     "page": [
@@ -147,7 +147,7 @@ CASES = {
         "evaluate docs.examples.greedy:Greedy --scenario touch.toml --starts 1 --recordings 1 "
         "--on-collision continue --noise 0.1 --time-limit 16 --seed 2 --jobs 1 --out OUT",
         "run --scenario touch.toml --method shortest --time-limit 4 --record full --out OUT/full",
-        "run --scenario 1a --method shortest --mu 0.4 --time-limit 4 --no-record --out OUT/slow",
+        "run --scenario 1a --method shortest --mu 0.4 --time-limit 4 --out OUT/slow",
     ],
     "legs": [
         "run --scenario docs/examples/pogobots.toml --preset pogobot-brush --time-limit 4 --out OUT"

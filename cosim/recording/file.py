@@ -67,7 +67,9 @@ class Kept:
             else json.dumps(value, ensure_ascii=False)
             for key, value in values.items()
         }
-        self.send([Chunk.from_property(name, rr.AnyValues(**plain))])
+        # As arrays: of other values Rerun would expect the type that a key had before.
+        arrays: dict[str, Any] = {key: pa.array([value]) for key, value in plain.items()}
+        self.send([Chunk.from_property(name, rr.AnyValues(**arrays))])
 
     def columns(
         self, entity: str, times: Iterable[rr.TimeColumn], columns: Iterable[rr.ComponentColumn]

@@ -18,7 +18,7 @@ from matplotlib.patches import Circle, Rectangle
 
 from agent.evaluation.statistics import summarise
 from agent.training.loop import TrainingLog
-from analysis.figures import fig03, fig05, learning, machine, motor_cycle, paths, transfer
+from analysis.figures import fig03, fig05, learning, machine, motor_cycle, paths, transfer, values
 from analysis.figures.motor_cycle import Cycle
 from analysis.figures.paths import Track
 from analysis.reading.results import DRIVEN_BY
@@ -26,7 +26,9 @@ from cosim.base.colours import robot_colour
 from cosim.calibration.primitives import Primitive
 from cosim.machine.platform.motion import Motion, PlatformResult
 from cosim.model.params import TABLE_I, Foot, Mount
+from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import BUILT_IN, find_scenario
+from cosim.recording.series import PolicyMap
 
 POINTS = 7
 SHARES = {"success", "greedy_success"}
@@ -326,3 +328,13 @@ def test_primitives_are_drawn_where_the_front_goes():
     np.testing.assert_allclose(ends["left turn"], 25.0 * np.array([np.cos(angle), np.sin(angle)]))
     np.testing.assert_allclose(ends["leftwards"], [25.0, 20.0])
     assert "forwards" not in ends
+
+
+def test_values_are_drawn_where_they_are_on_a_board_that_is_not_square():
+    zone = (5, 0, 7, 2)
+    scenario = Scenario("wide", "", ((6, 1),), (((0, 0),),), 8, 3, zone=zone)
+    value, there = np.arange(24.0).reshape(8, 3), np.full((8, 3), 10)
+    axes = values.draw(PolicyMap(value, 0 * there, there), scenario).axes[0]
+    shown = np.asarray(axes.images[0].get_array())
+    assert shown[1, 6] == value[6, 1]
+    assert np.asarray(axes.lines[0].get_xydata()).tolist() == [[6, 1]]

@@ -67,10 +67,12 @@ def test_an_episode_that_is_not_whole_looks_wrong(outcome, complete, said):
     assert [kind for kind, _ in kinds(episode)] == said
 
 
-@pytest.mark.parametrize(("saturated", "wrong"), [(40, False), (600, True)])
-def test_what_successful_robots_do_does_not_look_wrong(saturated, wrong):
+@pytest.mark.parametrize(
+    ("saturated", "every", "wrong"), [(40, 1, False), (600, 1, True), (900, 3, False)]
+)
+def test_what_successful_robots_do_does_not_look_wrong(saturated, every, wrong):
     voltage = np.zeros((1000, 2))
-    voltage[:saturated, 0] = -3.0
+    voltage[:saturated:every, 0] = -3.0  # without a pause, or again and again
     share = {f"r1/contact/{name}_share": np.full(1000, 0.4) for name in ("slipping", "lifted")}
     x_m = {"r1": np.zeros(1000), "r2": NEAR}
     episode = made_up(x_m, more=share | {"r1/motors/voltage": voltage})

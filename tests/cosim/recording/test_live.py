@@ -157,6 +157,13 @@ def test_address_that_is_none_is_named(how, url):
         how(url)
 
 
+def test_a_viewer_is_opened_at_its_address(server, monkeypatch):
+    url, asked = server[0], {}
+    monkeypatch.setattr("rerun.spawn", lambda **how: asked.update(how))  # there is no screen
+    assert spawn_viewer(url) == url
+    assert f":{asked['port']}/" in url
+
+
 def test_missing_viewer_is_told_before_anything_is_done(tmp_path):
     url = address(free_port())
     with pytest.raises(UserError, match="no Rerun viewer answers at"):

@@ -368,9 +368,13 @@ def test_run_page_lists_every_parameter_with_its_source(recorded):
 
 
 def test_properties_keep_numbers_and_write_the_rest_as_json():
-    kept = Kept()
-    kept.properties("of", {"seed": 3, "starts": ((1, 2),)})
-    assert read_chunks(kept.chunks, "").properties["of"] == {"seed": 3, "starts": "[[1, 2]]"}
+    """Also where an earlier recording of this process had another type."""
+    for seed in (3, 0.5, (3, 1), 2**62, "three", True):
+        kept = Kept()
+        kept.properties("of", {"seed": seed, "starts": ((1, 2),)})
+        kept_seed = "[3, 1]" if isinstance(seed, tuple) else seed
+        found = read_chunks(kept.chunks, "").properties["of"]
+        assert found == {"seed": kept_seed, "starts": "[[1, 2]]"}
 
 
 def test_the_outcome_stands_above_the_board_from_the_start(recorded):

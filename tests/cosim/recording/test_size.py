@@ -1,6 +1,7 @@
 """What recordings weigh, as it is said before they are written."""
 
 import logging
+import re
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from rerun.chunk import Chunk
 from cosim.model.config import CoSimConfig
 from cosim.recording.file import Recording, scalars, simulated
 from cosim.recording.reader import read_rrd
-from cosim.recording.series import bytes_per_s, warn_of_size
+from cosim.recording.series import LARGE_MB, bytes_per_s, warn_of_size
 from cosim.simulation.simulate import simulate
 
 
@@ -45,6 +46,8 @@ def test_large_recordings_are_announced_with_what_makes_them_smaller(caplog):
     (text,) = caplog.messages
     assert text.startswith("the recording of an episode can become 749 MB")
     assert "(6000 s at most)" in text and "--record summary" in text
+    smaller = re.search(r"makes it (\d+) MB", text)
+    assert smaller is not None and float(smaller[1]) < LARGE_MB
 
 
 def test_a_recording_is_read_chunk_by_chunk_and_without_what_is_not_needed(tmp_path):

@@ -18,13 +18,14 @@ from cosim.model.config import CoSimConfig
 from cosim.model.params import STEERING, TABLE_I, TABLE_II, TIMING, MotorShares
 from cosim.model.preset import find_preset
 from cosim.model.scenario import Scenario
+from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Patch, Sensor, World
 from cosim.physics.lanes import host_lanes
 from cosim.recording.series import with_bursts
 from cosim.simulation.batch import Batch, chosen_driver
 from cosim.simulation.tasks import Task, simulate_tasks
 from docs.examples.draw_machine import machine
-from tests.alone import Constant, same
+from tests.alone import Constant, CoSimulation, same
 
 EAST, NORTH, WEST, SOUTH = 0, 2, 4, 6
 LARGE = Scenario("large", "", ((5, 20), (20, 20)), (((5, 5),), ((20, 5),)))
@@ -99,6 +100,16 @@ def test_steps_do_not_depend_on_who_shares_the_batch(fmu, coupling, differ, requ
             assert np.array_equal(ours.after.cells, theirs.after.cells)
             assert ours.outcome == theirs.outcome
             assert len(ours.raw.omega) > 0
+
+
+def test_a_board_for_a_machine_that_turns_in_circles_has_the_cells_that_are_asked_for(array_fmu):
+    config, board = CoSimConfig().having("test", turn_radius_m=0.012), find_scenario("1a")
+    with pytest.raises(ConfigError, match=r"circles of radius 12 mm, .* mm wide") as refused:
+        CoSimulation(board, array_fmu, config).reset()
+    (wide,) = re.findall(r"make them (\d+) mm", str(refused.value))
+    cell: dict[str, Any] = {"cell_m": 1e-3 * float(wide), "zone": (4, 4, 7, 7)}
+    wider = Scenario("wide", "", ((5, 5),), (((5, 9),),), 12, 12, **cell)
+    CoSimulation(wider, array_fmu, config).reset()
 
 
 LEG = """[[foot]]

@@ -87,6 +87,11 @@ def test_a_recording_has_poses_of_all_and_signals_of_some_which_views_show(drive
     assert sum(chunk.num_rows for chunk in others) == sum(len(step.poses) for step in driven[0])
 
 
+def test_what_is_told_of_sampled_robots_is_theirs(driven):
+    step = driven[0][0]._replace(events=np.arange(ROBOTS), sampled=(1, 3))
+    assert step.of_sampled().events.tolist() == [1, 3]
+
+
 def test_robots_whose_signals_are_kept_are_named_from_one():
     assert sampled_of(64) == tuple(range(64))
     assert sampled_of(65) == (0, 1, 2, 3)

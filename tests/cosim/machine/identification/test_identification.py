@@ -363,6 +363,7 @@ def test_motors_that_keep_their_phase_are_refused_and_near_ones_named(caplog):
     times, config = np.arange(180) / 30.0, CoSimConfig()
     for other, known in ((920.0, False), (970.0, True), (1010.0, True)):
         commands = np.tile([900.0, -other], (180, 1))
+        commands[120:] *= known  # a pause is no driving
         drive = drive_of(times, commands, config)
         poses = drive.frames(drive.usual[None])[:, 0]
         says = r"in 100% of the time .* less than 50 rad/s, .* --excite"
