@@ -12,6 +12,7 @@ import gymnasium
 import pytest
 
 from agent.envs import WorldRange
+from agent.training.methods import METHODS
 from agent.web.compiler import Module
 from tests.fingerprint import changes, fingerprint, leaves
 
@@ -216,6 +217,13 @@ replay none.rrd
 screenshot none.rrd
 figures nothing
 """
+
+
+@pytest.fixture(autouse=True)
+def built_in_methods(monkeypatch):
+    """Take away the methods that other tests have registered in this process."""
+    for name in [name for name in METHODS if ":" in name]:
+        monkeypatch.delitem(METHODS, name)
 
 
 @pytest.fixture(scope="module")
