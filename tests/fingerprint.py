@@ -55,8 +55,12 @@ def summary(values: np.ndarray) -> list[Any]:
     known = np.where(finite, flat, 0.0)
     weights = np.linspace(1.0, 2.0, len(flat))
     means = [known.mean(), (weights * known).mean()] if len(flat) else []
-    means = [float(f"{mean:.7g}") for mean in means]
-    return [list(values.shape), int((~finite).sum()), *means]
+    noise = 1e-12 * np.abs(known).max(initial=0.0)  # of rounding, which processors do differently
+    return [list(values.shape), int((~finite).sum()), *(_rounded(mean, noise) for mean in means)]
+
+
+def _rounded(value: float, noise: float = 1e-15) -> float:
+    return 0.0 if abs(value) <= noise else float(f"{value:.7g}")
 
 
 def parts(path: Path, name: str) -> Iterator[tuple[str, Any]]:
@@ -151,7 +155,7 @@ def leaves(name: str, content: Any) -> dict[str, Any]:
     if isinstance(content, np.ndarray):
         return {name: content.tolist() if content.size <= FEW else _of_any(content)}
     if isinstance(content, float):
-        content = float(f"{content:.7g}")
+        content = _rounded(content)
     if not isinstance(content, dict | list | tuple):
         text = isinstance(content, str) and len(content) >= _LONG
         return {name: _hash(content.encode()) if text else content}
