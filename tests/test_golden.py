@@ -136,6 +136,7 @@ CASES = {
         "evaluate OUT/run_000/policy.npz OUT/run_001/policy.npz --grid",
         "run OUT/run_001/policy.npz --scenario pair.toml --time-limit 4 --out OUT/run",
         "experiments fig10 --runs 2 --episodes 3000 --jobs 1 --out OUT/fig10",
+        "experiments fig08 --runs 3 --episodes 9000 --jobs 1 --out OUT/fig08",
     ],
     "page": [
         "web --scenario pair.toml --method shortest --seed 2 --worlds rough.toml --out OUT/a.html"
@@ -155,6 +156,7 @@ CASES = {
     ],
     "machine": [
         "design --speed 3.3 --preset icra2006",
+        "design --speed 4",
         "platform --omega 620 --mu 0.21 --cycles 3 --out OUT/p.npz",
         "motor-loop --omega-des 640 --out OUT/loop.png",
         "motor-test --duration 0.4 --omega-des 610 --open-loop-v 1.1 --out OUT/motor.rrd",

@@ -152,7 +152,8 @@ BASES = {
             | {"episodes": "2", "seed": "3", "record": "summary", "no-record": "", "signals": "1"}
             | {"show-config": ""}
             | DRIVING,
-        )
+        ),
+        Base("--scenario 4 --show-config", {"record": "full"} | DRIVING, None),
     ],
     "web": [
         Base(
@@ -195,9 +196,10 @@ TESTED = {
     "screenshot": "tests/analysis/test_screenshot.py",
 }
 CASES = [
-    pytest.param(name, k, id=f"{name}-{k}", marks=[pytest.mark.slow] if name in SLOW else [])
+    pytest.param(name, k, id=f"{name}-{k}", marks=[pytest.mark.slow] * (name in SLOW and not quick))
     for name, bases in BASES.items()
-    for k in range(len(bases))
+    for k, base in enumerate(bases)
+    for quick in ("--show-config" in base.arguments,)
 ]
 
 

@@ -2,6 +2,7 @@
 
 # pyright: reportMissingImports=false
 
+import itertools
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +18,7 @@ from pettingzoo.utils import parallel_to_aec
 
 import minirobots as mr
 from agent import envs
+from agent.envs.navigation import RobotsVectorEnv
 from cosim.model.scenario import Scenario
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
@@ -199,3 +201,16 @@ def test_minari_makes_the_environment_again(tmp_path, monkeypatch):
     data = env.create_dataset("minirobots/test-v0")
     again = data.recover_environment()
     assert again.reset(seed=3)[0].tolist() == env.reset(seed=3)[0].tolist()
+
+
+@pytest.mark.parametrize("cosim", [False, True])
+@pytest.mark.parametrize(("columns", "rows"), [(19, 11), (11, 19)])
+def test_masks_keep_robots_on_boards_that_are_not_square(columns, rows, cosim):
+    board = Scenario("b", "", ((5, 5),), (((8, 8),),), columns, rows, zone=(4, 4, 6, 6))
+    cells = list(itertools.product((0, 7, columns - 1), (0, 7, rows - 1)))
+    env = RobotsVectorEnv(len(cells), board, cosim=cosim)
+    env.reset(seed=0, options={"starts": [[cell] for cell in cells]})
+    turns = (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)
+    kept = [[0 <= x + i < columns and 0 <= y + j < rows for i, j in turns] for x, y in cells]
+    assert env.action_masks().astype(bool).tolist() == kept
+    env.close()

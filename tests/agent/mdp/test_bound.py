@@ -4,6 +4,7 @@ import heapq
 import itertools
 import math
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -110,6 +111,26 @@ def test_optimum_is_cached_whatever_does_not_matter_to_it(monkeypatch):
     assert mean_bounds(crossing()) == began
     # the step limit and the rewards do not matter to the optimum
     assert mean_bounds(crossing(), step_limit=7, approach_coefficient=5.0) == began
+
+
+def test_optima_of_one_cache_are_those_of_their_own(monkeypatch, tmp_path):
+    """Whatever of a process was computed before: nothing that matters is left out of the key."""
+    usual, clear = crossing(), replace(crossing(), obstacles=())
+    changes = {"targets": ((2, 1), (3, 4))}, {"obstacles": ()}, {"columns": 6}
+    boards = [usual, *(replace(usual, **change) for change in changes)]
+    boards += [replace(clear, robot_diameter_m=d) for d in (0.008, 0.012, 0.024)]
+    cases = [(usual, ProcessConfig(collision="swept")), *((b, ProcessConfig()) for b in boards)]
+    found = []
+    for k, (board, config) in enumerate(cases):
+        process = build_process(board, config)
+        monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path / "shared"))
+        together = optimum(process)
+        monkeypatch.setenv("MINIROBOTS_CACHE", str(tmp_path / str(k)))
+        alone = optimum(process)
+        np.testing.assert_array_equal(together.path_cells, alone.path_cells)
+        np.testing.assert_array_equal(together.steps, alone.steps)
+        found.append(alone.path_cells.tobytes())
+    assert len({*found}) == len(cases)
 
 
 def test_no_policy_beats_the_optimum():

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
+import agent
 from agent.mdp import grid
 from agent.mdp.config import ProcessConfig
 from agent.mdp.exact import evaluate_on_grid
@@ -230,3 +231,10 @@ def test_scenario_2_reaches_100_percent_of_all_900_starts():
     assert 14.85 <= result.mean_path_cells() < 17.0
     assert 11.91 <= result.mean_steps() < 12.5
     assert log.success[-100:].min() == 1.0
+
+
+def test_a_policy_is_loaded_for_its_own_scenario_if_one_is_named(near_file, near_policy):
+    scenario = near_policy.config.scenario
+    assert agent.load(near_file, scenario).config.scenario == scenario
+    with pytest.raises(UserError, match="near"):
+        agent.load(near_file, "2")

@@ -2,6 +2,7 @@
 
 import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,9 @@ from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world
 from cosim.physics.draws import draw_world
 from cosim.physics.forces import directions
-from cosim.simulation.options import SimulationOptions
+from cosim.simulation.options import SimulationOptions, resolve
 from cosim.simulation.simulate import draw_episode
+from tests.agent.web.test_page import compare, played
 
 PROGRAM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
@@ -118,7 +120,13 @@ OUTCOME = "document.getElementById('outcome').textContent"
 def test_controls_do_what_they_say(tmp_path):
     (tmp_path / "patch.toml").write_text(PATCH)
     out, worlds = tmp_path / "page.html", [str(tmp_path / "patch.toml")]
-    write_page(out, BOARD, SimulationOptions(), method="shortest", worlds=worlds, seed=5)
+    options = SimulationOptions(time_limit=60.0)
+    write_page(out, BOARD, options, method="shortest", worlds=worlds, seed=5)
+    # The friction of the page is that of the floor between patches.
+    (smooth,) = played(out, {"seed": 5, "world": 1, "mu": 0.1})
+    setup = resolve(options, BOARD, world=tmp_path / "patch.toml")
+    config = replace(setup.config, robot=setup.config.robot._replace(mu=0.1))
+    compare(smooth, setup._replace(config=config), "shortest", 5)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=PROGRAM, args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1200, "height": 900})
@@ -155,7 +163,10 @@ def test_controls_do_what_they_say(tmp_path):
             assert any(words == str(number) and math.dist(place, at) < 1.0 for words, *at in texts)
         page.select_option("#speed", "60")
         assert "µ 0.9" not in page.evaluate("texts.map(([[words]]) => words)")
-        own = after(8.0)
+        page.click("#step")
+        page.wait_for_function("document.getElementById('play').textContent === 'Play'")
+        assert 1.5 < page.evaluate("shown()")["time"] <= 2.0
+        own = after(8.0)  # beyond the decision that Step ended with
         # Masses are where the motors' angles put them, seen from above.
         (x, y), heading = own["robots"][1], own["headings"][1]
         turn = np.array(
@@ -182,6 +193,11 @@ def test_controls_do_what_they_say(tmp_path):
         page.wait_for_function(f"{OUTCOME} === 'running, changed by hand'")
         again = after(own["time"] + 8.0)
         assert math.dist(again["robots"][0], (0.05, 0.1)) > 0.01
+        # On its own target it has arrived, and stays there.
+        drag(again["robots"][0], (0.095, 0.205))
+        page.wait_for_timeout(200)
+        again = after(again["time"] + 8.0)
+        assert math.dist(again["robots"][0], (0.095, 0.205)) < 0.006
         # Arrows move the chosen robot by a cell.
         for key, (dx, dy) in {"Up": (0, 1), "Right": (1, 0), "Down": (0, -1)}.items():
             x, y = page.evaluate("shown()")["robots"][0]

@@ -66,12 +66,19 @@ CASES = {
 
 
 @pytest.fixture(scope="module")
-def browser():
+def chromium():
     program = next(filter(None, map(shutil.which, CHROMIUM)))
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
         yield browser
         browser.close()
+
+
+@pytest.fixture
+def browser(chromium):
+    yield chromium
+    for context in chromium.contexts:  # an open page draws as long as it is there
+        context.close()
 
 
 @pytest.fixture(scope="module")
@@ -258,6 +265,7 @@ def test_changes_act_on_the_moment_that_is_shown(browser, written):
         page.select_option("#speed", speed)
         before = page.evaluate(PAUSED % last)
         assert before["ahead"] > 0.5
+        path_cm = page.inner_text("#path")
         page.keyboard.press("ArrowUp")
         page.keyboard.press("ArrowLeft")
         page.wait_for_function(BY_HAND)
@@ -268,6 +276,8 @@ def test_changes_act_on_the_moment_that_is_shown(browser, written):
         moved, other = map(math.dist, before["robots"], after["robots"])
         assert 0.009 < moved < 0.015  # one cell up or to the left, or both
         assert other < 2e-4  # vibrations between two pictures
+        page.wait_for_timeout(200)
+        assert page.inner_text("#path") == path_cm  # what was computed ahead is not driven
         page.keyboard.press(".")
         page.wait_for_function(f"shown().time > {after['time'] + 1.0}")
     assert said == []

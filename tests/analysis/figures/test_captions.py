@@ -1,6 +1,7 @@
 """Captions and verdicts are those of the results."""
 
 import json
+import re
 import shutil
 
 import msgspec
@@ -10,6 +11,7 @@ import pytest
 from agent.experiments.results import show
 from analysis.figures import fig03, learning, paths, transfer
 from analysis.reading.results import RESULTS, read_experiment
+from analysis.report.page import learning_table
 from cosim.base.errors import UserError
 from cosim.machine.platform.motion import PlatformResult
 
@@ -61,6 +63,31 @@ def edited(results, tmp_path):
         return tmp_path
 
     return edit
+
+
+def test_tables_have_every_measure_in_its_column(edited, capsys, monkeypatch):
+    means = {"success": 0.11, "path_length_cm": 22.0, "steps": 33.0, "ratio_to_bound": 1.44}
+
+    def change(content):
+        for variant in content["variants"].values():
+            for name, mean in means.items():
+                variant["over_runs"][name] |= {"mean": mean}
+        for difference in content["differences"].values():
+            for name in difference:
+                difference[name] |= {"mean": means[name] + 0.02}
+
+    content = read_experiment("fig10", edited("fig10", change))
+    monkeypatch.setenv("COLUMNS", "150")
+    show(content)
+    rows = [
+        re.findall(r"(?<![\d.])\d+\.\d+(?= %| \[)", line)
+        for line in capsys.readouterr().out.splitlines()
+    ]
+    numbers, differences = ["11.00", "22.00", "33.00", "1.440"], ["13.00", "22.02", "33.02"]
+    count = len(content.variants)
+    assert [row for row in rows if row] == [numbers] * count + [differences] * (count - 1)
+    shown = [" ".join(row) for row in learning_table("", content).rows]
+    assert sum(row.endswith(("22.02 [–]", "22.02 [−]")) for row in shown) == count - 1
 
 
 @pytest.mark.parametrize(

@@ -1,18 +1,25 @@
 """Every field of a configuration is where it has to be: in batches, tables and keys of caches."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
+from agent.moves import observe
+from agent.moves.worlds import RANGES
 from cosim.base.arguments import ConfigError
+from cosim.base.errors import UserError
+from cosim.calibration import primitives, shielding
+from cosim.calibration.measured import LOAD
 from cosim.calibration.measuring import Point, digest, measure_batch
 from cosim.fmi.motor import MotorFmu
 from cosim.model.config import CoSimConfig
-from cosim.model.params import PAIR, SHIELD, Drive, Foot, Mount
+from cosim.model.params import ESTIMATOR, PAIR, SHIELD, STEERING, Drive, Foot, Mount
 from cosim.model.world import Patch, Sensor, World
 from cosim.simulation.batch import shared
 
@@ -90,6 +97,45 @@ def test_a_batch_shares_every_field_or_has_it_per_lane(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_table_has_every_field(name):
     assert (changed(name).table() == CONFIG.table()) == (name in NOT_IN_TABLE)
+
+
+# What decides nothing where robots are far apart, with what cameras see, and worlds but for a load.
+APART = {"timing.rl_step_s", "timing.move_limit_s", "timing.episode_limit_s", "timing.burst_s"}
+APART |= {f"shield.{name}" for name in SHIELD._fields} | {"on_collision", "through", "preset"}
+APART |= {f"estimator.{name}" for name in ESTIMATOR._fields}
+APART |= {f"world.{n}" for n in World.__struct_fields__ if n not in LOAD}
+STEERED = {f"steering.{name}" for name in STEERING._fields}
+# By the function that looks for a measurement: fields of a configuration that change nothing of it.
+IDLE: dict[Callable[[CoSimConfig, Path], object], set[str]] = {
+    observe.cached_moves: set(),
+    primitives.find_primitives: APART | STEERED - {"steering.pulse_s", "steering.pause_s"},
+    shielding.with_stopping_distance: APART - {"world.motor_spread", "world.floor_tilt_deg"},
+}
+
+
+@pytest.mark.parametrize("find", IDLE, ids=lambda find: find.__name__)
+def test_a_measurement_is_known_by_every_field_that_may_change_it(find, motor_fmu, monkeypatch):
+    def stop(key: Any, *_: Any, **__: Any) -> None:
+        raise UserError(f"it is looked for as {key}")
+
+    def said(config: CoSimConfig) -> str:
+        with pytest.raises(UserError) as refused:  # or what does not fit the other values
+            find(config, motor_fmu)
+        return str(refused.value)
+
+    for place in (primitives, shielding):
+        monkeypatch.setattr(place, "measured", stop)
+    monkeypatch.setattr(observe, "cached", stop)
+    usual = said(CONFIG)
+    assert "looked for" in usual
+    assert {name for name in NAMES if said(changed(name)) == usual} == IDLE[find] | {"sources"}
+
+
+def test_moves_are_known_by_every_range_of_their_worlds(motor_fmu):
+    given = {"patches": 2, "patch_cells": (2, 3)}
+    ranges = [RANGES._replace(**{n: given.get(n, (0.1, 0.2))}) for n in RANGES._fields]
+    keys = {observe.source_digest(CONFIG, motor_fmu, each) for each in (None, RANGES, *ranges)}
+    assert len(keys) == len(ranges) + 2
 
 
 @pytest.fixture(scope="module")

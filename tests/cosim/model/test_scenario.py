@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.ndimage import label
 
 from cosim.base.errors import UserError
-from cosim.model.scenario import Cell, Scenario
+from cosim.model.scenario import Cell, Scenario, sides
 from cosim.model.scenario_file import AMONG_OBSTACLES, BUILT_IN, IN_GROUPS, PAPER, find_scenario
 
 EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "four_crossing.toml"
@@ -102,6 +104,20 @@ starts = "right"
     assert maze.starts[0] == ((0, 0), (0, 5), (1, 5), (0, 6), (1, 6))
     assert maze.starts[1] == tuple((19, y) for y in range(12))
     assert maze.zone == (8, 4, 11, 7)
+
+
+@given(columns=st.integers(1, 40), rows=st.integers(1, 40))
+def test_starts_by_name_are_the_cells_at_an_edge_of_any_board(columns, rows):
+    edges = {
+        "left": {(0, y) for y in range(rows)},
+        "right": {(columns - 1, y) for y in range(rows)},
+        "bottom": {(x, 0) for x in range(columns)},
+        "top": {(x, rows - 1) for x in range(columns)},
+    }
+    edges["border"] = set().union(*edges.values())
+    found = sides(columns, rows)
+    assert {name: {*cells} for name, cells in found.items()} == edges
+    assert all(len(cells) == len({*cells}) for cells in found.values())
 
 
 def test_the_documented_examples_are_usable(written):

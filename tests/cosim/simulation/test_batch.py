@@ -10,6 +10,7 @@ import pytest
 from fmpy.fmi3 import FMU3Slave
 from msgspec.structs import replace
 
+from cosim import model
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from cosim.coupling.master import NotFiniteError
@@ -20,6 +21,7 @@ from cosim.model.preset import find_preset
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_scenario
 from cosim.model.world import Patch, Sensor, World
+from cosim.physics.body_state import Z
 from cosim.physics.lanes import host_lanes
 from cosim.recording.series import with_bursts
 from cosim.simulation.batch import Batch, chosen_driver
@@ -45,13 +47,17 @@ EPISODES = [
 
 
 def simulated(
-    fmu: Path, *configs: CoSimConfig, number: int = 0, steps: int = 1, **options: Any
+    fmu: Path, *configs: CoSimConfig, number: int = 0, steps: int = 1, drop_m: float = 0, **options
 ) -> list[Step]:
-    """RL steps of the last of some episodes that have a batch to themselves, one by one."""
+    """RL steps of the last of some episodes that have a batch to themselves, one by one.
+
+    Robots begin at a height of `drop_m` above the floor.
+    """
     scenario, starts, directions = EPISODES[number]
     batch, found = Batch(fmu, configs[0], 2, 1, **options), []
     for config in configs:
         batch.begin(0, scenario, starts, np.random.SeedSequence(number), config)
+        batch.state.bodies.motion[Z] += drop_m
         found = [batch.advance({0: np.array(directions)})[0] for _ in range(steps)]
     batch.close()
     return found
@@ -112,35 +118,43 @@ def test_a_board_for_a_machine_that_turns_in_circles_has_the_cells_that_are_aske
     CoSimulation(wider, array_fmu, config).reset()
 
 
-LEG = """[[foot]]
-length_m = 0.008
-axial_n_m = 1e5
-bending_n_m = 1e4
-lean_deg = 20.0
-lean_towards_deg = 170.0
-damping_ratio = 0.2"""
-
-
 @pytest.mark.parametrize(
     "kind", ["rigid", "reaction", pytest.param("legs", marks=pytest.mark.long)]
 )
 def test_drivers_give_another_machine_the_same_bits(kind, array_fmu, tmp_path):
-    """Four motors of which one has its own r, on four feet of which one has its own mu."""
-    file, text = tmp_path / "drawn.toml", machine(1) + "\nmu = 0.2"
-    text, reaction = text.replace("[[foot]]", LEG) if kind == "legs" else text, kind == "reaction"
-    file.write_text(text.replace("axis", "r = 0.0018\naxis", 1), "utf-8")
+    """Motors of which one has its own r, on feet of which one has its own mu.
+
+    Three on four feet or two on three legs, in the lanes of other tests: these are compiled anyway.
+    """
+    file, reaction, lanes = tmp_path / "drawn.toml", kind == "reaction", host_lanes()
+    parts, drivers = machine(1).split("\n\n"), ["compiled", "fmpy"][: 2 - reaction]
+    text = "\n\n".join(parts[:1] + parts[2:])  # without its first motor
+    if kind == "legs":
+        lanes, text = 2, Path(model.__file__).with_name("pogobot-brush.toml").read_text("utf-8")
+        text = text.replace("r = 0.001\n", "", 1).replace("0.053", "0.05")
+    file.write_text(text.replace("axis", "r = 0.0018\naxis", 1) + "\nmu = 0.2", "utf-8")
     preset = find_preset(file)
-    shares = tuple(MotorShares(s, -s, 0.3, 0.2, 1.0, -1.0, s) for s in (-1.0, 1.0, 0.5, -0.5))
+    shares = tuple(MotorShares(s, -s, 0.3, 0.2, 1.0, -1.0, s) for s in (-1.0, 1.0, 0.5))
+    shares = shares[: len(preset.config().robot.motors)]
     speeds = {n: 780.0 for n in STEERING._fields if n.endswith("_speed_rad_s")}
     speeds |= {"drive_speed_m_s": 0.004, "turn_rate_rad_s": 0.2}
-    own = {"reaction": reaction, "shares": shares, "rl_step_s": 0.1, **speeds}
+    own = {"reaction": reaction, "shares": shares, "rl_step_s": 0.1, "burst_s": 0.1, **speeds}
     config = preset.config().having("test", **own)
-    first, *others = (
-        simulated(array_fmu, config, driver=driver)[0].samples
-        for driver in ("compiled", "reference", *(() if reaction else ("fmpy",)))
+    step, *others = (
+        simulated(array_fmu, config, driver=driver, drop_m=1e-3, **how)[0]
+        for driver, how in (*((d, {"lanes": lanes}) for d in drivers), ("reference", {}))
     )
+    first = step.samples
     assert np.ptp(first.position[:, 0], axis=0)[:2].max() > 1e-5
-    assert all(same(first, other) for other in others)
+    assert all(same(first, other.samples) for other in others)
+    # What is said of a control period is that of its ticks: feet land one after the other.
+    normal = step.raw.normal.reshape(len(first.position), -1, *step.raw.normal.shape[1:])
+    without = normal <= 0.0
+    several = without.sum(axis=-1)
+    assert {*several.flat} == {*range(normal.shape[-1] + 1)}
+    np.testing.assert_allclose(first.normal_mean, normal.mean(axis=1), rtol=1e-9)
+    np.testing.assert_array_equal(first.lifted_share, without.any(axis=-1).mean(axis=1))
+    np.testing.assert_array_equal(first.airborne_share, without.all(axis=-1).mean(axis=1))
 
 
 def test_results_do_not_depend_on_threads_or_places(array_fmu):
