@@ -248,7 +248,8 @@ function explain() {
 window.shown = () => {
   const { time, outcome } = frames.at(-1), { scale, origin } = board;
   const robots = between(), theta = robots.map((robot) => robot.theta), headings = robots.map((robot) => robot.heading);
-  return { robots: robots.map(({ x, y }) => [x, y]), theta, headings, downhill, time: clock, ahead: time - clock, ends: Boolean(outcome), scale, origin };
+  const trails = board.trails.map((trail) => trail.length);
+  return { robots: robots.map(({ x, y }) => [x, y]), theta, headings, trails, downhill, time: clock, ahead: time - clock, ends: Boolean(outcome), scale, origin };
 };
 
 // An episode as fast as it goes: how it ended, and positions at the end of every RL step.

@@ -202,3 +202,13 @@ def test_the_report_has_each_measure_under_its_heading():
     expected = ("90.0 % [–]", "43.21 [–]", "39.87 [–]", "1.012 [–]")
     names = ("success", "path length, cm", "moves", "path over shortest")
     assert tuple(row[name] for name in names) == expected
+
+
+def test_means_over_policies_are_printed_under_their_headings(capsys):
+    over = {"2": dict.fromkeys(("success", "steps"), STATISTICS)}
+    grid.GridReport(rows=(), over_policies=over).show()
+    lines = capsys.readouterr().out.splitlines()
+    (header,) = (line.split() for line in lines if line.startswith("scenario 2"))
+    (row,) = (line.split() for line in lines if line.startswith("success  ") and "98.76%" in line)
+    assert header[-5:] == ["mean", "IQM", "95", "%", "interval"]
+    assert row == ["success", "98.76%", "98.00%", "90.00%", "to", "99.90%"]

@@ -1,5 +1,5 @@
 // Runs the worker of a page without a browser: node play.js PAGE OPTIONS…, each a JSON object with
-// what "begin" takes; prints how each episode ends, a line each.
+// what "begin" takes, and a place that is refused to a robot after the first step; prints how each episode ends, a line each.
 const { readFileSync } = require("node:fs");
 const { runInThisContext } = require("node:vm");
 
@@ -27,10 +27,15 @@ async function main() {
   const data = JSON.parse(part("data"));
   onmessage({ data: { action: "load", worlds: data.worlds } });
   for (const text of process.argv.slice(3)) {
-    const { world = 0, ...given } = JSON.parse(text), { mu, noise, shielded } = data.worlds[world].facts;
+    const { world = 0, refused, ...given } = JSON.parse(text), { mu, noise, shielded } = data.worlds[world].facts;
     const options = { seed: data.seed, mu, noise, shielded, ...given };
     onmessage({ data: { action: "begin", world, options, number: 1 } });
     await reply("begun");
+    if (refused) {
+      onmessage({ data: { action: "step", time: 0 } });
+      onmessage({ data: { action: "place", ...refused } });
+      await reply("refused");
+    }
     onmessage({ data: { action: "record" } });
     const { positions, outcome, time, paths, wall_s, memory } = await reply("recorded");
     console.log(JSON.stringify({ positions, outcome: data.outcomes[outcome], time, paths, wall_s, memory }));

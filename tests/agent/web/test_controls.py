@@ -129,7 +129,7 @@ def test_controls_do_what_they_say(tmp_path):
     compare(smooth, setup._replace(config=config), "shortest", 5)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=PROGRAM, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1200, "height": 900})
+        page = browser.new_page(viewport={"width": 1200, "height": 600})
         page.set_default_timeout(120_000)  # on a busy machine
         page.add_init_script(WATCHED)
         page.goto(out.as_uri())
@@ -140,9 +140,11 @@ def test_controls_do_what_they_say(tmp_path):
         assert "30 × 26 cm" in page.content()
         shown = page.evaluate("shown()")
         scale, (left, bottom) = shown["scale"], shown["origin"]
-        box = page.locator("#board").bounding_box() or {}
+        page.evaluate("scrollTo(0, 50)")  # pointers have places on the screen
+        assert page.evaluate("scrollY") == 50
 
         def drag(*places_m):
+            box = page.locator("#board").bounding_box() or {}
             for number, (x, y) in enumerate(places_m):
                 page.mouse.move(box["x"] + left + x * scale, box["y"] + bottom - y * scale, steps=3)
                 if number == 0:
@@ -211,7 +213,10 @@ def test_controls_do_what_they_say(tmp_path):
         # Maps of both robots have their columns along x.
         drawn = {(x, y) for x, y, *_ in page.evaluate("cells")}
         assert drawn == {(x, y) for x in range(30) for y in range(26)}
-        # There is no room for a robot on another one.
+        # There is no room for a robot on another one, nor beyond the board, which is not square.
+        drag(again["robots"][0], (0.1, 0.272))
+        page.wait_for_function("!document.getElementById('error').hidden")
+        assert math.dist(page.evaluate("shown()")["robots"][0], again["robots"][0]) < 1e-3
         drag(*again["robots"])
         page.wait_for_function("!document.getElementById('error').hidden")
         assert "no room for robot 1" in page.inner_text("#error")
@@ -229,13 +234,17 @@ def test_controls_do_what_they_say(tmp_path):
         other = after(8.0)
         moved = (math.dist(of["robots"][1], (0.275, 0.045)) for of in (own, other))
         assert next(moved) > 0.01 > 2.0 * next(moved)
+        assert max(other["trails"]) > 1
+        page.click("#restart")
+        page.wait_for_function(f"{OUTCOME} === 'ready'")
+        assert page.evaluate("shown()")["trails"] == [1, 1]
         page.evaluate("document.getElementById('with-shield').hidden = false")  # here it has none
         page.uncheck("#shielded")
         page.check("#shielded")
         page.select_option("#world", "0")
         begun = page.evaluate("told.filter((m) => m.action === 'begin')")
         asked = [(each["world"], each["options"]["shielded"]) for each in begun]
-        assert asked == [(0, True), (1, True), (1, False), (1, True), (0, True)]
+        assert asked == [(0, True), (1, True), (1, True), (1, False), (1, True), (0, True)]
         browser.close()
 
 

@@ -194,6 +194,13 @@ def test_friction_and_noise_change_an_episode_as_in_the_co_simulation(written):
     compare(quiet, setup._replace(config=other), "shortest", 1)
 
 
+def test_an_episode_goes_on_after_a_place_without_room(written):
+    away = {"robot": 0, "x": -1.0, "y": 0.1, "time": 0.7}
+    usual, refused = played(written("pair")[0], {"seed": 1}, {"seed": 1, "refused": away})
+    assert refused["positions"] == usual["positions"][1:]
+    assert [refused[of] for of in ("time", "paths")] == [usual[of] for of in ("time", "paths")]
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_page_is_played_by_keys_on_a_phone(browser, written, scheme):
     size = {"width": 390, "height": 844}

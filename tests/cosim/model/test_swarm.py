@@ -19,6 +19,12 @@ def test_built_in_swarms_have_one_density(name):
     draw_starts(found, np.random.default_rng(0))  # no two of them touch
 
 
+@pytest.mark.parametrize(("robots", "columns", "rows"), [(12, 60, 48), (7, 48, 48), (5, 48, 36)])
+def test_boards_of_swarms_have_the_rows_that_their_robots_need(written, robots, columns, rows):
+    found = find_scenario(written(f"[swarm]\nrobots = {robots}"))
+    assert (found.columns, found.rows) == (columns, rows)
+
+
 @pytest.mark.parametrize("robots", [1, 2, 7, 70])
 @pytest.mark.parametrize("formation", FORMATIONS)
 @pytest.mark.parametrize("spacing", [6, 7, 12])
