@@ -205,7 +205,7 @@ def test_the_report_has_each_measure_under_its_heading():
 
 
 def test_means_over_policies_are_printed_under_their_headings(capsys):
-    over = {"2": dict.fromkeys(("success", "steps"), STATISTICS)}
+    over = {"2": {"success": STATISTICS, "steps": STATISTICS}}
     grid.GridReport(rows=(), over_policies=over).show()
     lines = capsys.readouterr().out.splitlines()
     (header,) = (line.split() for line in lines if line.startswith("scenario 2"))
