@@ -20,12 +20,14 @@ class Frames:
     def saving(self, figure, path, dpi):
         """Begin."""
         self.axes, self.titles, self.texts, self.noses = figure.axes[0], [], [], []
+        self.trails: list[np.ndarray] = []
         yield
 
     def grab_frame(self):
         """Take what the figure has."""
         self.titles.append(self.axes.get_title("left").split(maxsplit=2))
         self.texts.append([(t.get_text(), *t.get_position()) for t in self.axes.texts])
+        self.trails.append(self.axes.lines[1].get_xydata())
         self.noses.append(np.diff(self.axes.lines[0].get_xydata(), axis=0)[0])
 
 
@@ -72,3 +74,14 @@ def test_more_robots_than_colours_have_numbers_and_so_have_their_targets(monkeyp
         mine = [place for text, *place in texts if text == str(number)]
         wanted = [np.add(target, (1.7, 0.5)) * episode.scenario.cell_m, at]
         assert np.sort(mine, axis=0) == pytest.approx(100.0 * np.sort(wanted, axis=0))
+
+
+def test_trails_are_those_of_the_last_half_minute(monkeypatch, tmp_path):
+    frames, episode, times = Frames(), driven("1a", 80.0), np.arange(81.0)
+    places = np.column_stack([0.003 * times, 0.1 + 0.0 * times])
+    episode.signals["r1/position"] = Signal(times, places, ("x", "y"), "m")
+    monkeypatch.setattr(video, "_writer", lambda _: frames)
+    video.write_video(episode, tmp_path / "a.gif", 120.0)
+    first, last = frames.trails[1][0], frames.trails[-1]
+    np.testing.assert_allclose(first, (0.0, 10.0))
+    np.testing.assert_allclose((last[0], last[-1]), ((15.0, 10.0), (24.0, 10.0)), atol=0.31)

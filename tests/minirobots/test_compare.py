@@ -72,6 +72,7 @@ def test_colours_are_robots_and_styles_episodes(recordings):
         np.testing.assert_array_equal(line.get_xydata(), places)
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == [*map(str, recordings)]
+    assert [key.get_linestyle() for key in legend.get_lines()] == ["-", "--"]
 
 
 def test_the_tenth_robot_has_its_own_colour(recordings):

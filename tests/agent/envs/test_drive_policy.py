@@ -16,7 +16,7 @@ from cosim.calibration.primitives import DIRECTIONS, Primitive
 from cosim.model.config import CoSimConfig
 from cosim.model.scenario import Scenario
 from cosim.model.scenario_file import find_in_world, find_scenario
-from cosim.simulation.driving import DriveObservation, drives
+from cosim.simulation.driving import DriveObservation, drives, velocities
 
 
 def towards(observations):
@@ -216,3 +216,12 @@ def test_a_place_is_observed_as_a_share_of_each_side():
     target = np.array([[0.355, 0.055]])
     motion = DriveObservation(pose, zeros, np.zeros((1, 2)), target, board, CoSimConfig(), {})
     assert observed(motion, 1, None)[0, 4:6] == pytest.approx((0.75, 0.25))
+
+
+def test_velocities_are_those_ahead_and_beyond_half_a_turn():
+    before = np.array([[0.0, 0.0, 3.1], [0.1, 0.2, 1.4]])
+    after = np.array([[0.02, 0.0, -3.1], [0.1, 0.23, np.pi / 2.0]])
+    found = velocities(before, after, 0.1)
+    ahead, left = -0.2 * np.cos(0.0416), 0.2 * np.sin(0.0416)
+    assert found[0] == pytest.approx((ahead, left, (2.0 * np.pi - 6.2) / 0.1), abs=1e-5)
+    assert found[1] == pytest.approx((0.3, 0.0, (np.pi / 2.0 - 1.4) / 0.1), abs=1e-9)

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import agent.envs
-from agent.envs.tasks import Task
+from agent.envs.tasks import Task, draw_positions, is_free
 from cosim.base.errors import UserError
 from cosim.model.outcome import SUCCESS
+from cosim.model.scenario import Scenario
 
 PAGE = Path(__file__).parents[3] / "CONTRIBUTING.md"
 START = {"starts": [[0.15, 0.15, 0.3]], "targets": [[0.25, 0.15]]}
@@ -92,3 +93,15 @@ def test_a_weight_without_a_term_is_named():
     with pytest.raises(UserError, match=r"task.weights.speed is unknown; choose one of progress"):
         env.step(np.zeros(2))
     env.close()
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(40, 20), (20, 40)])
+def test_places_are_on_boards_that_are_not_square(columns, rows):
+    board = Scenario("b", "", ((9, 9),), (((5, 5),),), columns, rows, zone=(0, 0, 0, 0))
+    for x, y in ((0.3, 0.1), (0.1, 0.3)):
+        free = x < 0.01 * columns and y < 0.01 * rows
+        assert is_free(board, np.array([[x, y]])) == free
+    rng = np.random.default_rng(0)
+    drawn = np.concatenate([draw_positions(board, rng) for _ in range(100)])
+    assert (drawn < board.size_m).all()
+    assert (drawn.max(axis=0) > 0.9 * np.array(board.size_m)).all()

@@ -470,6 +470,16 @@ def test_a_machine_that_cannot_reverse_is_seen_to_turn_around(monkeypatch, backw
     assert config.build().state_count == SMALL.columns * moves.facings
 
 
+def test_rows_of_moves_name_the_turn_that_is_made_first():
+    """Counter-clockwise from what the robot faces, or its back, to where it goes."""
+    moves = ideal_moves()
+    labels = [row[0] for row in move_rows(moves)[1]]
+    for move in moves.moves:
+        turn = 45 * ((move.direction - move.heading + 1) % 4 - 1)
+        kind = "diagonal" if move.direction % 2 else "straight"
+        assert labels[moves.kind_of(move)] == f"{kind} after {turn:+d} deg"
+
+
 def test_moves_are_observed_in_the_co_simulation(monkeypatch):
     monkeypatch.setattr(observe, "WALKS", 2)
     motor_fmu = cached_fmu()

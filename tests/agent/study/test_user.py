@@ -54,6 +54,21 @@ class Named(Stubborn):
         return self.direction
 
 
+def test_a_policy_is_made_for_every_machine_of_a_study(monkeypatch):
+    made: list[str] = []
+
+    def make(_: object, *rest: Any, options: Any, **how: Any) -> Any:
+        made.append(str(options.machine))
+        if len(made) == 2:
+            raise UserError("made twice")
+        return policy_of(Stubborn(), *rest, options=options, **how)
+
+    monkeypatch.setattr("agent.study.engine.policy_of", make)
+    with pytest.raises(UserError, match="made twice"):
+        study(["shortest"], "1a", preset=["paper", "thesis"], episodes=1, time_limit=LIMIT_S)
+    assert made[0] != made[1]
+
+
 @pytest.fixture(scope="module")
 def out(tmp_path_factory):
     return tmp_path_factory.mktemp("study")

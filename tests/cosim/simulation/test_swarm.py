@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import minirobots as mr
 from cosim.base.errors import UserError
 from cosim.coupling.rl_step import sampled_of
 from cosim.model.config import CoSimConfig
@@ -90,6 +91,14 @@ def test_a_recording_has_poses_of_all_and_signals_of_some_which_views_show(drive
 def test_what_is_told_of_sampled_robots_is_theirs(driven):
     step = driven[0][0]._replace(events=np.arange(ROBOTS), sampled=(1, 3))
     assert step.of_sampled().events.tolist() == [1, 3]
+
+
+def test_a_single_episode_has_the_signals_of_chosen_robots(straight_policy):
+    policy = straight_policy(find_scenario("4-cross").targets)
+    options = {"record": "summary", "time_limit": 2.0, "progress": None}
+    episode = mr.simulate("4-cross", policy, signals=(2, 4), **options)
+    names = {name.split("/")[2] for name in episode.signals if name.startswith("/sim/")}
+    assert names == {"r2", "r4"}
 
 
 def test_robots_whose_signals_are_kept_are_named_from_one():

@@ -491,15 +491,16 @@ def test_what_is_identified_can_be_read(tmp_path_factory, data, name):
     assert robot.masses_included == expected.masses_included
 
 
-def test_the_preset_of_a_fast_camera_can_be_read(tmp_path):
-    times, still = np.arange(112) / 2000.0, np.zeros((100, 2))
+@pytest.mark.parametrize(("rate_hz", "kept_hz"), [(2000.0, 1000.0), (60.0, 60.0)])
+def test_the_preset_of_a_camera_that_loses_frames_can_be_read(tmp_path, rate_hz, kept_hz):
+    times, still = np.arange(112) / rate_hz, np.zeros((100, 2))
     times = np.delete(times, np.arange(5, 101, 8)[:12])  # frames that the camera lost
     track = SeenTrack(times, np.zeros((100, 3)), still)
     drive, count = Simulated(still, still, times, CoSimConfig()), len(NAMES)
     noise = Noise(5e-4, 0.01, 1e-7, 1e-3)
     found = Fit(usual_values(), 1e-6 * np.eye(count), noise, still, track.poses, 1)
     _preset(track, "track.csv", find_preset("paper"), drive, found).save(tmp_path / "robot.toml")
-    assert find_preset(tmp_path / "robot.toml").config().world.camera.rate_hz == 1000.0
+    assert find_preset(tmp_path / "robot.toml").config().world.camera.rate_hz == kept_hz
 
 
 def test_there_are_no_intervals_in_doubt():
