@@ -196,10 +196,14 @@ TESTED = {
     "screenshot": "tests/analysis/test_screenshot.py",
 }
 CASES = [
-    pytest.param(name, k, id=f"{name}-{k}", marks=[pytest.mark.slow] * (name in SLOW and not quick))
+    pytest.param(
+        name,
+        k,
+        id=f"{name}-{k}",
+        marks=[pytest.mark.slow] if name in SLOW and "--show-config" not in base.arguments else [],
+    )
     for name, bases in BASES.items()
     for k, base in enumerate(bases)
-    for quick in ("--show-config" in base.arguments,)
 ]
 
 

@@ -1,5 +1,6 @@
 // Runs the worker of a page without a browser: node play.js PAGE OPTIONS…, each a JSON object with
-// what "begin" takes, and a place that is refused to a robot after the first step; prints how each episode ends, a line each.
+// what "begin" takes, and `refused`, a place that a robot does not get after the first step; prints
+// how each episode ends, a line each.
 const { readFileSync } = require("node:fs");
 const { runInThisContext } = require("node:vm");
 
