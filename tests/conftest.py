@@ -68,10 +68,22 @@ def _keep_bytecode(config: pytest.Config) -> None:
     config.add_cleanup(patch.undo)
 
 
+@pytest.hookimpl(trylast=True)  # of what is not deselected
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with files of which a test takes long: workers share short ones evenly at the end."""
+    """Begin with files of which a test takes long: workers share short ones evenly at the end.
+
+    Then with one that compiles the coupled loop, and FMUs, which do not wait for it.
+    """
     long = {item.path for item in items if item.get_closest_marker("long")}
-    items.sort(key=lambda item: item.path not in long)
+
+    def order(item: pytest.Item) -> tuple[bool, bool, bool]:
+        return (
+            item.path not in long,
+            item.path.name != "test_episode.py",
+            "fmus" not in item.path.parts,
+        )
+
+    items.sort(key=order)
 
 
 class _ByFixtures(LoadScopeScheduling):

@@ -302,7 +302,13 @@ def check(kind: str, found: dict[str, str], file: Path) -> None:
     assert found.keys() == expected[kind].keys()
 
 
-@pytest.mark.parametrize("kind", sorted(PRODUCERS))
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=() if kind in ("learning", "studies") else pytest.mark.ci)
+        for kind in sorted(PRODUCERS)
+    ],
+)
 def test_bits_are_those_committed(kind, tmp_path, straight_policy, monkeypatch):
     monkeypatch.setattr("agent.moves.observe.WALKS", 2)
     made = {
@@ -319,7 +325,7 @@ def test_bits_are_those_committed(kind, tmp_path, straight_policy, monkeypatch):
 @pytest.mark.parametrize(
     "kind",
     [
-        pytest.param(kind, marks=pytest.mark.long if kind == "studies" else pytest.mark.slow)
+        pytest.param(kind, marks=pytest.mark.ci if kind == "studies" else pytest.mark.slow)
         for kind in sorted(PRODUCERS)
     ],
 )

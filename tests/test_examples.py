@@ -55,6 +55,7 @@ def follow(tmp_path, monkeypatch, command):
     return follow_page
 
 
+@pytest.mark.ci
 def test_api_page_runs_as_written(follow, tmp_path, capsys):
     follow("api.md")
     assert "rad/s 20.0 ('D', 'E')" in capsys.readouterr().out
@@ -123,6 +124,7 @@ class _North:
         return np.full(len(observation.cells), 2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", sorted((DOCS / "examples").glob("*.toml")), ids=lambda p: p.stem)
 def test_a_file_of_the_examples_is_one_of_an_episode(path):
     """A scenario, or a world: robots drive for one RL step."""

@@ -2,7 +2,7 @@
 
 A golden file says that something changed, not what is right: the closed forms, laws and independent
 calculations of other tests do. Where an output is meant to change, look at the difference and write
-the files with `GOLDEN=write uv run --group test pytest -m long -k golden`.
+the files with `GOLDEN=write uv run --group test pytest -m "ci or long" -k golden`.
 """
 
 import shlex
@@ -16,7 +16,6 @@ from agent.training.methods import METHODS
 from agent.web.compiler import Module
 from tests.fingerprint import changes, fingerprint, leaves
 
-pytestmark = pytest.mark.long
 LEG = """length_m = 0.01
 axial_n_m = 1e4
 bending_n_m = 12.0
@@ -258,7 +257,13 @@ def outcome(command, folder):
     return run
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.long if name == "legs" else pytest.mark.ci)
+        for name in CASES
+    ],
+)
 def test_outputs_are_those_of_the_golden_file(name, outcome):
     assert not changes(name, outcome(name))
 

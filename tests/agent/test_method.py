@@ -64,6 +64,7 @@ def test_a_users_methods_are_trained_and_compared_in_a_study(tmp_path):
     ]
 
 
+@pytest.mark.long
 def test_a_users_methods_learn_what_their_rules_say(fresh_cache):
     found = {}
     for rule in (sarsa, double_q):
@@ -95,6 +96,7 @@ def test_studies_of_the_pages_name_methods_and_scenarios_that_there_are(file):
         find_scenario(name)
 
 
+@pytest.mark.ci
 def test_a_method_of_a_module_is_trained_by_the_command(tmp_path, monkeypatch, command):
     (tmp_path / "my_rules.py").write_text(
         "from agent.training.methods import learner\n"
@@ -160,6 +162,7 @@ def test_moves_are_observed_with_the_motors_and_in_the_worlds_that_are_given(mon
     assert "ranges have no effect without --worlds" in refused.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("options", [(), ("--method", "moves")])
 def test_train_takes_a_file_of_moves(options, command, tmp_path):
     moves = method_config("moves", find_scenario("1a")).moves

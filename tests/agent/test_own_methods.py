@@ -162,6 +162,7 @@ def test_a_method_of_a_built_in_name_is_not_found_for_that():
     assert not usual.own
 
 
+@pytest.mark.long
 @settings(max_examples=50)
 @given(q=arrays(np.float32, st.tuples(st.integers(1, 3), st.just(1), st.just(1), st.just(8)),
                 elements=st.integers(-3, 3).map(float)))  # fmt: skip

@@ -42,6 +42,7 @@ def same_files(a, b):
                 np.testing.assert_array_equal(array, right[key], f"{name} {key}")
 
 
+@pytest.mark.ci
 def test_train_then_evaluate(command, tmp_path):
     out = tmp_path / "out"
     options = ("--scenario", "2", "--runs", 2, "--out", out, "--jobs", 1, *SHORT)
@@ -75,6 +76,7 @@ def test_train_then_evaluate(command, tmp_path):
     assert (out / "run_000" / "policy.npz").stat().st_mtime_ns == before
 
 
+@pytest.mark.long
 def test_runs_of_another_version_are_not_replaced(command, tmp_path):
     options = ("--scenario", "1a", "--out", tmp_path, "--jobs", 1, *SHORT)
     assert command("train", *options)[0] == 0

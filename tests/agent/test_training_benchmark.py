@@ -22,6 +22,7 @@ def measured(monkeypatch, command):
     return run
 
 
+@pytest.mark.long
 def test_figures_are_printed_as_json(measured):
     figures = measured(episodes=10_000, repeats=1)
     assert min(figures.values()) > 0.0

@@ -139,6 +139,7 @@ def test_a_stage_is_made_again_if_it_was_interrupted_or_is_of_another_version(
     assert not Timings(tmp_path, tiny, seed=0).finished("fig08")
 
 
+@pytest.mark.long
 def test_amounts_are_those_of_the_page_and_seeds_those_of_everything_random():
     """Training, starts and noise: each command that draws gets the seed as each of its seeds."""
     for result in RESULTS.values():

@@ -26,7 +26,11 @@ def run_folder(tmp_path_factory):
 
 @pytest.mark.viewer
 @pytest.mark.parametrize(
-    ("recording", "views", "time_s"), [("episodes/ep_000.rrd", 51, 3.0), ("training.rrd", 10, None)]
+    ("recording", "views", "time_s"),
+    [
+        pytest.param("episodes/ep_000.rrd", 51, 3.0, marks=pytest.mark.long),
+        ("training.rrd", 10, None),
+    ],
 )
 def test_recording_opens_without_a_complaint(run_folder, tmp_path, recording, views, time_s):
     picture = tmp_path / "picture.png"

@@ -49,6 +49,7 @@ def summary_of(folder: Path) -> dict:
     return summary
 
 
+@pytest.mark.ci
 def test_summary_says_what_was_run(runs):
     summary = summary_of(runs / "a")
     assert summary["schema_version"] == 1
@@ -133,6 +134,7 @@ def test_a_policy_on_moves_is_of_the_observed_ones(run, tmp_path):
     assert summary_of(tmp_path)["method"] == "moves"
 
 
+@pytest.mark.long
 def test_motors_of_a_user_drive_a_policy_that_is_trained_on_the_grid(run, motor_fmu, tmp_path):
     motors = ("--motor-fmu", motor_fmu, "--motor-parameter", "J=2.7e-9")
     done = run("--scenario", "1a", *motors, "--out", tmp_path, "--no-record", *BRIEF)
@@ -187,6 +189,7 @@ def test_recordings_of_other_runs_do_not_stay_next_to_a_summary(run, tmp_path):
     assert len([*tmp_path.rglob("*")]) == 3
 
 
+@pytest.mark.long
 def test_results_of_another_run_are_not_replaced(run, runs, tmp_path):
     shutil.copytree(runs / "a", tmp_path / "a")
     same = ("--out", tmp_path / "a", "--seed", 3, "--train-seed", 3, *BRIEF)

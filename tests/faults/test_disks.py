@@ -102,6 +102,7 @@ CASES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("place", "name"), CASES)
 def test_a_place_where_nothing_can_be_written(tmp_path, out, place, name):
     def contents() -> dict[Path, bytes]:

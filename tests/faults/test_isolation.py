@@ -112,6 +112,7 @@ def test_a_fault_is_named_with_the_time(fault, drive):
     assert "Traceback" not in errors
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ["nan", "inf"])
 def test_the_first_signal_that_is_no_number_is_named(fault, faulty_fmu, monkeypatch):
     monkeypatch.setenv("FAULT", fault)

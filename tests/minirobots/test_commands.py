@@ -124,6 +124,7 @@ def test_help_ends_with_examples_of_the_page_and_unknown_commands_have_none(prog
     assert "P.npz --claim" in done.stdout
 
 
+@pytest.mark.long
 def test_completion_for_bash_knows_every_command_and_its_options(program):
     done = program("--tyro-print-completion", "bash")
     assert done.returncode == 0, done.stderr

@@ -27,6 +27,7 @@ def recordings(tmp_path_factory):
     return paths
 
 
+@pytest.mark.long
 def test_an_episode_does_not_differ_from_itself(recordings):
     episode = mr.open(recordings[0])
     found = compare(episode, episode)
@@ -91,6 +92,7 @@ def test_the_tenth_robot_has_its_own_colour(recordings):
     assert robot_colour(9) != robot_colour(1)
 
 
+@pytest.mark.long
 def test_a_video_shows_the_robot_where_it_is(recordings, command, tmp_path):
     out = tmp_path / "a.gif"
     assert command("video", recordings[0], "--out", out, "--speed", "10").returncode == 0

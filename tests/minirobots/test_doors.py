@@ -182,6 +182,7 @@ DRIVING = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=5)
 @given(MACHINES, WORLDS, DRIVING)
 def test_every_way_in_makes_the_same_case(ways, machine, world, driving):
@@ -239,6 +240,7 @@ def shown(found):
     return rows, {name: value for name, value in more.items() if name != "progress"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("way", ["run", "evaluate", "study", "command", "web", "environment"])
 def test_each_option_changes_what_a_way_in_makes_or_is_refused(ways, way):
     changes(

@@ -33,7 +33,13 @@ def test_all_names_are_there_and_no_others():
         getattr(mr, "fly")  # noqa: B009 - not an attribute that pyright knows
 
 
-@pytest.mark.parametrize("name", sorted({*mr.__all__, ""} - {"__version__"}))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.long if name in ("evaluate", "study") else ())
+        for name in sorted({*mr.__all__, ""} - {"__version__"})
+    ],
+)
 def test_examples_hold(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     thing = getattr(mr, name) if name else mr

@@ -174,7 +174,11 @@ BASES = {
         Base("--moves 1 --worlds", WORLDS, ".json"),
     ],
 }
-SLOW = ("calibrate", "evaluate", "motor-loop", "moves", "run", "web")
+# Commands that take their time, but for what they show with --show-config
+TAKE_LONG = dict.fromkeys(["bound", "design", "experiments", "study", "train"], pytest.mark.long)
+TAKE_LONG |= dict.fromkeys(
+    ["calibrate", "evaluate", "motor-loop", "moves", "run", "web"], pytest.mark.slow
+)
 # Of any command: where results are computed or written, and shown meanwhile; they do not change.
 ELSEWHERE = ("out", "jobs", "backend", "address", "live", "spawn", "viewer", "driver", "again")
 # Options, or whole commands, whose effect other tests hold.
@@ -200,7 +204,7 @@ CASES = [
         name,
         k,
         id=f"{name}-{k}",
-        marks=[pytest.mark.slow] if name in SLOW and "--show-config" not in base.arguments else [],
+        marks=() if "--show-config" in base.arguments else TAKE_LONG.get(name, ()),
     )
     for name, bases in BASES.items()
     for k, base in enumerate(bases)

@@ -64,6 +64,7 @@ def test_every_way_in_gives_the_same_episode(command, tmp_path, monkeypatch):
     assert (result.outcome, result.sim_time_s, result.path_length_cm) == (*expected, length_cm)
 
 
+@pytest.mark.long
 def test_a_policy_names_the_machine_of_its_moves_and_warns_on_another(
     command, tmp_path, monkeypatch, caplog
 ):

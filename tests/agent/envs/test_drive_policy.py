@@ -45,6 +45,7 @@ def driver():
     return DrivePolicy(towards, control_interval=0.5)
 
 
+@pytest.mark.long
 def test_a_driver_reaches_its_target_and_all_is_recorded(driver, tmp_path):
     episode = mr.simulate("1a", driver, progress=None, world={"sensor": {"rate_hz": 30.0}})
     assert episode.outcome == "success"
@@ -79,6 +80,7 @@ def test_its_observations_and_set_points_are_those_of_the_environment():
     env.close()
 
 
+@pytest.mark.long
 def test_studies_and_single_episodes_have_the_same_bits(driver):
     options: Any = {"starts": 3, "time_limit": 30, "progress": None}
     rows = mr.evaluate(driver, "1a", **options), mr.evaluate(driver, "1a", jobs=1, **options)

@@ -48,6 +48,7 @@ def test_gymnasium_accepts_the_environments(name, mode):
     env.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", ["1a", "1b", "2", "3", "4", "5-doorway", "4-cross", "6-swap"])
 def test_pettingzoo_accepts_the_environment(scenario):
     parallel_api_test(envs.parallel_env(scenario), num_cycles=300)
@@ -73,6 +74,7 @@ def kernel_episode(process, seed, actions):
             return
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("slip", [0.0, 0.3])
 @pytest.mark.parametrize("scenario", ["1b", "4"])
 def test_an_episode_is_that_of_the_kernels(scenario, slip):
@@ -131,6 +133,7 @@ ONE_LEAVES = np.tile([6, 1, 2], (6, 1))
 DRIVES = RANDOM.uniform(-1.0, 1.0, (5, 3, 2)).astype(np.float32)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "options", "start", "actions", "outcomes"),
     [
@@ -178,6 +181,7 @@ def limited(name, limit, **how) -> Any:
     return make(f"MiniRobots/{name}-v0", num_envs=3, max_episode_steps=limit, **options, **how)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "examples"), [("SingleA", 50), ("SingleB", 50), ("CoSim", 3), ("Drive", 6)]
 )
@@ -537,6 +541,7 @@ def test_a_wall_ends_an_episode_as_a_collision(cosim):
     env.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cosim", [False, True])
 def test_a_bystander_of_a_collision_is_truncated_without_penalty(cosim):
     env = envs.parallel_env(ROW, cosim=cosim)

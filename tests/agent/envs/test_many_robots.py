@@ -27,6 +27,7 @@ NEAR = [[15, 20], [3, 3]]
 NEAR_FOUR = [[5, 7], [24, 7], [9, 24], [20, 20]]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("slip", [0.0, 0.3])
 @pytest.mark.parametrize(
     ("scenario", "near"),

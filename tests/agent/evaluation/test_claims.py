@@ -158,6 +158,7 @@ def test_a_refused_claim_ends_early(near_policy, case, tmp_path):
     assert "| refused |" in repr(row)
 
 
+@pytest.mark.long
 def test_more_episodes_than_starts_go_round_again(near_file, tmp_path):
     table = study(
         near_file, episodes=9, claim=TEXT, confidence=CONFIDENCE, jobs=2, out=tmp_path, noise=[0.05]
@@ -173,6 +174,7 @@ def test_more_episodes_than_starts_go_round_again(near_file, tmp_path):
     assert table.to_markdown().splitlines()[0].startswith(f"| policy | scenario | noise | {TEXT} |")
 
 
+@pytest.mark.long
 def test_the_command_resumes_and_says_the_verdict(near_file, tmp_path, command):
     options = ("--claim", TEXT, "--confidence", CONFIDENCE, "--recordings", 0, "--out", tmp_path)
     done = command("evaluate", near_file, *options, "--json")

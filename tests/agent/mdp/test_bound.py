@@ -105,6 +105,7 @@ def test_optimum_of_scenario_2_is_the_known_one():
     assert mean_bounds(find_scenario("2")) == pytest.approx((14.852, 11.917), abs=5e-3)
 
 
+@pytest.mark.long
 def test_optimum_is_cached_whatever_does_not_matter_to_it(monkeypatch):
     began = mean_bounds(crossing())
     monkeypatch.setattr(optimum_module, "cells_after", None)  # nothing is computed again
@@ -133,6 +134,7 @@ def test_optima_of_one_cache_are_those_of_their_own(monkeypatch, tmp_path):
     assert len({*found}) == len(cases)
 
 
+@pytest.mark.long
 def test_no_policy_beats_the_optimum():
     learning = LearningConfig(episodes=30_000, epsilon_episodes=10, greedy_points=0)
     policy, _, _ = find_or_make(PolicyConfig(crossing(), ProcessConfig(), learning, Seed(0)))

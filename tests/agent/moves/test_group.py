@@ -36,6 +36,7 @@ def test_a_robot_alone_plans_the_least_time():
     assert np.isnan(values[0, 1:]).all()
 
 
+@pytest.mark.long
 def test_a_plan_keeps_clear_of_a_move_under_way():
     policy = planned(SWAP)
     for other, goal in (((8, 8), (8, 7)), ((8, 4), (8, 5)), ((8, 8), (9, 8))):

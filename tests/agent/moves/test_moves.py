@@ -66,6 +66,7 @@ def begun(process, moves, cells, directions):
     return world, plans, lambda: kernels.step(process, model, world, plans, rewards), rewards
 
 
+@pytest.mark.long
 def test_moves_of_one_step_are_the_grid():
     process = build_process(find_scenario("4"), ProcessConfig(clearance_m=0.0))
     model = build_model(ideal_moves(), 5.0)
@@ -104,6 +105,7 @@ def test_moves_of_one_step_are_the_grid():
     assert compared > 200
 
 
+@pytest.mark.long
 def test_a_robot_turns_then_drives_then_waits():
     process = build_process(find_scenario("1a"), ProcessConfig())
     moves, north = ideal_moves(duration_s=7.0, turn_s=3.0, drift=0.1, stop=0.05), 2
@@ -122,6 +124,7 @@ def test_a_robot_turns_then_drives_then_waits():
     assert world[0, [grid.X, grid.Y, grid.AXIS]].tolist() == [5, 6, north]
 
 
+@pytest.mark.long
 def test_robots_that_meet_between_cells_collide():
     """And a robot apart from them earns the reward of its step."""
     starts = (((2, 5),), ((8, 5),), ((5, 14),))
@@ -246,6 +249,7 @@ def test_rewards_per_distance_pay_for_the_path():
         assert rewards.tolist() == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.long
 def test_training_on_moves_reaches_the_targets():
     config = PolicyConfig(
         SMALL,
@@ -380,6 +384,7 @@ def test_rewards_per_time_pay_for_two_seconds(rl_step_s):
     assert discounts[1] == pytest.approx(0.9 ** (rl_step_s / 2.0), rel=1e-6)
 
 
+@pytest.mark.long
 def test_moves_are_observed_on_the_cells_of_the_scenario(monkeypatch, tmp_path):
     monkeypatch.setattr(observe, "WALKS", 1)
     small, large = (
@@ -480,6 +485,7 @@ def test_rows_of_moves_name_the_turn_that_is_made_first():
         assert labels[moves.kind_of(move)] == f"{kind} after {turn:+d} deg"
 
 
+@pytest.mark.long
 def test_moves_are_observed_in_the_co_simulation(monkeypatch):
     monkeypatch.setattr(observe, "WALKS", 2)
     motor_fmu = cached_fmu()

@@ -124,10 +124,9 @@ def seen(state):
     return observe(BOARD, [cell[:2] for cell in state], [cell[2] for cell in state])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("state", [((8, 1, 2), (0, 7, 2)), ((7, 4, 1), (2, 3, 3))])
-@pytest.mark.parametrize(
-    "seconds", [SECONDS, pytest.param(ONE_WAY, marks=pytest.mark.long), SECONDS[2:6]], ids=len
-)
+@pytest.mark.parametrize("seconds", [SECONDS, ONE_WAY, SECONDS[2:6]], ids=len)
 def test_moves_lead_to_the_least_time(policy, seconds, state):
     if seconds != SECONDS:
         policy = computed(lasting(*seconds, rl_step_s=0.1, through=True))

@@ -98,6 +98,7 @@ def test_rows_are_policies_with_every_value_of_the_axes(table):
     assert table.rows[2].path_ratio_to_grid is None
 
 
+@pytest.mark.ci
 def test_it_resumes(table, out, near_file, monkeypatch):
     monkeypatch.setattr(EpisodeStore, "keep", lambda *_: pytest.fail("simulated again"))
     assert measured(out, near_file) == table
@@ -125,6 +126,7 @@ def test_files_say_what_the_table_says(table, out):
         table.plot("mu")
 
 
+@pytest.mark.long
 def test_trainings_of_a_method_are_a_row_that_resumes(tmp_path, monkeypatch):
     """Its parts are the policies of the seeds, from the same starts; what is no method has one."""
     brief = {"method": "paper", "learning": {"episodes": 4, "eta": 0.1}}
@@ -204,6 +206,7 @@ class Own:
 """
 
 
+@pytest.mark.long
 def test_no_episode_of_edited_code_is_found(tmp_path, monkeypatch, near_file, caplog):
     """Neither in a session that has imported it, nor after its import, nor for other weights."""
     monkeypatch.syspath_prepend(tmp_path)
@@ -286,6 +289,7 @@ def test_a_module_names_a_policy(tmp_path, monkeypatch, command):
     assert (row["policy"], row["success"]) == ("driver:East", 0.0)
 
 
+@pytest.mark.long
 def test_the_command_takes_a_file(tmp_path, near_file, command):
     file = tmp_path / "noise.toml"
     file.write_text(
@@ -353,6 +357,7 @@ def test_mistakes_are_named(call, policies, options, message):
         call(policies, **{"scenario": NEAR, **options})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("of_numpy", [np.asarray, list, lambda n: list(n.astype(np.float32))])
 def test_an_array_or_a_list_of_its_numbers_is_an_axis(of_numpy, tmp_path):
     noise, scenarios = of_numpy(np.array([0.0, 0.0625])), np.array(["1a"])
@@ -371,6 +376,7 @@ def test_a_start_on_a_target_is_refused_wherever_it_is_used(cell):
             call(policy=Stubborn(), scenario=scenario)
 
 
+@pytest.mark.long
 def test_episodes_of_a_series_share_no_seed_with_an_evaluation(near_policy, motor_fmu):
     case = Case(near_policy, CoSimConfig(), motor_fmu, 7)
     series = [draw_episode(NEAR, 7, number)[1] for number in range(4)]
@@ -425,6 +431,7 @@ def test_a_policy_that_fails_is_named_in_one_line(error):
         evaluate(Failing(error), NEAR, starts=1, jobs=1)
 
 
+@pytest.mark.long
 def test_commands_refuse_more_starts_and_draw_what_is_asked(
     near_file, table, command, tmp_path, monkeypatch
 ):

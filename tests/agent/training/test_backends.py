@@ -63,6 +63,7 @@ def test_killed_worker_is_replaced_and_no_bit_changes(backend, expected, tmp_pat
         assert np.array_equal(results[k][0].q, q)
 
 
+@pytest.mark.long
 def test_threads_and_one_job_give_the_same_bits(expected):
     for jobs in (1, 2):
         results = dict(sweep(learn, EXPERIMENT.configs(), Workers(jobs=jobs)))
@@ -149,6 +150,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes in /proc")
 def test_workers_end_with_the_process_that_is_killed(tmp_path):
     script, pids = tmp_path / "waiting.py", tmp_path / "pids"

@@ -205,6 +205,7 @@ def test_a_computed_policy_of_another_scenario_is_not_taken_for_this_ones():
     assert find_or_make(configs[0])[0].config == configs[0]
 
 
+@pytest.mark.long
 def test_tables_that_are_not_those_of_the_process_are_refused():
     policy, *_ = find_or_make(CONFIG)
     for q in (policy.q[:, :, :-1], policy.q[:, :1], policy.q.astype(float), policy.q[:0]):

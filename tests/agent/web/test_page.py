@@ -183,6 +183,7 @@ def test_memory_does_not_grow_in_ten_minutes(written):
     assert len({run["memory"] for run in runs}) == 1
 
 
+@pytest.mark.long
 def test_friction_and_noise_change_an_episode_as_in_the_co_simulation(written):
     path, options = written("pair")
     slippery, quiet = played(path, {"seed": 1, "mu": 0.1}, {"seed": 1, "noise": 0.0})
@@ -263,6 +264,7 @@ PAUSED = """new Promise((done) => {
 BY_HAND = "document.getElementById('outcome').textContent === 'running, changed by hand'"
 
 
+@pytest.mark.long
 def test_changes_act_on_the_moment_that_is_shown(browser, written):
     page, said = opened(browser, written("pair")[0])
     page.focus("#board")
@@ -290,6 +292,7 @@ def test_changes_act_on_the_moment_that_is_shown(browser, written):
     assert said == []
 
 
+@pytest.mark.long
 def test_an_episode_that_has_ended_says_so_to_who_moves_robots(browser, written):
     page, said = opened(browser, written("pair")[0])
     page.select_option("#speed", "60")
@@ -337,6 +340,7 @@ def test_titles_cannot_run_scripts(browser, tmp_path):
     assert said == []
 
 
+@pytest.mark.long
 def test_command_writes_a_page_or_refuses(command, tmp_path):
     policy, out = tmp_path / "policy.npz", tmp_path / "page.html"
     agent.train("4", method="shortest").save(policy)

@@ -248,6 +248,7 @@ print(Path("a.json").read_text(), workers(-1) > 0)
 """
 
 
+@pytest.mark.long
 def test_files_are_written_without_what_only_posix_systems_have(tmp_path):
     done = python("-W", "ignore", "-c", WITHOUT_POSIX, cwd=tmp_path)
     assert (done.stdout, done.stderr) == ("[1]\n True\n", "")

@@ -33,6 +33,7 @@ def test_faster_motors_move_faster_and_repeatably(calibration, name):
     assert (curve.scatter[driving] < 0.05 * curve.mean[driving]).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("manoeuvre", "ratio"), [("forwards", 2.0), ("left_turn", 4.0)])
 def test_dither_removes_what_the_phases_do(calibration, manoeuvre, ratio):
     without = calibration.curve(manoeuvre, dithered=False)

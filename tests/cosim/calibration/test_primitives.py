@@ -97,6 +97,7 @@ def test_a_learner_commands_its_velocity_or_each_motor(config):
     assert set_points(each, own, dither[:1], velocity=False).tolist() == (largest * each).tolist()
 
 
+@pytest.mark.long
 @settings(max_examples=15, deadline=None)
 @given(
     st.lists(st.floats(0.25, 4.0), min_size=4, max_size=4),

@@ -125,6 +125,7 @@ def same(first, second):
     return first[0] == second[0] and all(map(np.array_equal, one, other))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "coupling",
     [{}, {"ticks_per_step": 5}, {"reaction": True, "ticks_per_step": 2}],

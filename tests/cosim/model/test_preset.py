@@ -172,6 +172,7 @@ ODD = (
 )
 
 
+@pytest.mark.long
 @settings(max_examples=300)
 @given(st.data(), st.sampled_from(built_in()[1:]), st.sampled_from(ODD))
 def test_any_value_of_a_machine_is_taken_or_refused_by_name(tmp_path_factory, data, name, odd):

@@ -76,6 +76,7 @@ class Robots:
         return self
 
 
+@pytest.mark.long
 @given(st.integers(0, 2**32 - 1), st.integers(2, 150), st.sampled_from([0.0, 1e-3]))
 def test_of_many_robots_those_without_room_stop(seed, n, deviation_m):
     """Compare with the definition of room over all robots and targets, one after the other."""

@@ -91,6 +91,7 @@ def test_robots_that_would_collide_do_not_with_the_shield(motor_fmu, straight_po
         assert system.episode.measures.min_distance_m > FACING.diameter_m
 
 
+@pytest.mark.long
 def test_the_monitor_alone_keeps_robots_apart(motor_fmu, monkeypatch):
     """When nobody yields they meet, and are parted, again and again."""
     monkeypatch.setattr(rules, "adopt", lambda r, s, m, wanted, _: adopt(r, s, m, wanted, None))

@@ -67,6 +67,7 @@ def bent(state: np.ndarray, robot: RobotParams) -> float:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mu", [0.02, 5.0])
 def test_sag_and_surge_at_rest_are_those_of_springs(mu):
     """All feet carry alike, tips slide or stick: C f, with f the weight of a foot."""
@@ -131,6 +132,7 @@ def test_loads_against_and_with_the_lean(lean, stiffer, share):
     )
 
 
+@pytest.mark.long
 @given(legged(LEGS), st.floats(0.0, 0.3), st.floats(0.0, 6.0))
 @FEW
 def test_a_dropped_body_regains_no_energy_and_keeps_the_cone(machine, tilt, towards):
@@ -168,6 +170,7 @@ def step_together(bodies: np.ndarray, params: BodyParams, width: Width, ticks: i
             write_body(bodies, column, width, order, body)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lanes", [8, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 4))])
 def test_lanes_have_the_bits_of_one(lanes):
     """Bodies that fall from different heights: legs that stick, slide and are in the air."""
@@ -183,6 +186,7 @@ def test_lanes_have_the_bits_of_one(lanes):
     assert np.isfinite(alone).all()
 
 
+@pytest.mark.long
 @given(data=st.data())
 @FEW
 def test_mirrored_turned_and_permuted_machines_move_alike(data):
@@ -286,6 +290,7 @@ def slope(
     return (x - mean) / (0.5 * ticks * dt)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hz", [12.0, 34.0, 80.0])
 def test_a_shaken_body_drives_as_an_independent_integrator_has_it(hz):
     """In the plane, as pitch has a huge inertia; with few shakes a second it drives backwards."""

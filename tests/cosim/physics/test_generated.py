@@ -100,6 +100,7 @@ def test_the_nearest_invalid_machines_are_refused_by_name(case):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.long
 @COUNTS
 @given(data=st.data())
 @FEW
@@ -136,6 +137,7 @@ def test_sweeps_never_expand(machine):
     assert spectrum[-1] < 1.0 + 1e-9
 
 
+@pytest.mark.long
 @COUNTS
 @given(data=st.data(), factor=st.floats(0.1, 10.0))
 @FEW
@@ -220,6 +222,7 @@ def test_free_flight_keeps_momenta(feet, data):
     assert change <= 1e-10 * np.linalg.norm(angular_momentum(start))
 
 
+@pytest.mark.long
 @COUNTS
 @given(data=st.data())
 @settings(max_examples=max(settings().max_examples // 25, 1))

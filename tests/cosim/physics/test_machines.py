@@ -45,6 +45,7 @@ def feet(angles: list[float], radii: list[float]) -> tuple[Foot, ...]:
     return tuple(Foot(r * math.cos(a), r * math.sin(a)) for a, r in zip(angles, radii, strict=True))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [4, pytest.param(16, marks=pytest.mark.slow)])
 @given(data=st.data())
 @settings(max_examples=20, deadline=None)

@@ -150,6 +150,7 @@ def assert_close(
     assert ours[2] == pytest.approx(theirs[2], rel=tolerance, abs=math.radians(0.1))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("of_others", [mujoco_means, sprung_means])
 @pytest.mark.parametrize(
     "duration_s", [pytest.param(0.3, id="short"), pytest.param(2.0, marks=pytest.mark.slow)]

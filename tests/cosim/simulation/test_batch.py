@@ -63,6 +63,7 @@ def simulated(
     return found
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("fmu", "coupling", "differ"),
     [
@@ -118,9 +119,8 @@ def test_a_board_for_a_machine_that_turns_in_circles_has_the_cells_that_are_aske
     CoSimulation(wider, array_fmu, config).reset()
 
 
-@pytest.mark.parametrize(
-    "kind", ["rigid", "reaction", pytest.param("legs", marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["rigid", "reaction", "legs"])
 def test_drivers_give_another_machine_the_same_bits(kind, array_fmu, tmp_path):
     """Motors of which one has its own r, on feet of which one has its own mu.
 
@@ -157,6 +157,7 @@ def test_drivers_give_another_machine_the_same_bits(kind, array_fmu, tmp_path):
     np.testing.assert_array_equal(first.airborne_share, without.all(axis=-1).mean(axis=1))
 
 
+@pytest.mark.long
 def test_results_do_not_depend_on_threads_or_places(array_fmu):
     timing = CoSimConfig().timing._replace(episode_limit_s=6.0)
     config = CoSimConfig(timing=timing)

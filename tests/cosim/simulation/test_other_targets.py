@@ -60,6 +60,7 @@ def test_the_shield_keeps_out_of_anothers_target(motor_fmu, straight_policy):
     assert not inside.any()
 
 
+@pytest.mark.long
 def test_the_monitor_alone_keeps_out_of_anothers_target(motor_fmu, straight_policy, monkeypatch):
     monkeypatch.setattr(rules, "adopt", lambda r, s, m, wanted, _: adopt(r, s, m, wanted, None))
     timing = CoSimConfig().timing._replace(episode_limit_s=30.0)

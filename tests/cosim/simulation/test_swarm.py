@@ -47,6 +47,7 @@ def driven():
     return steps_of(cached_fmu(), driver="fmpy")
 
 
+@pytest.mark.long
 def test_bits_depend_neither_on_lanes_nor_on_the_driver(driven):
     for options in ({"lanes": 2}, {"lanes": host_lanes()}):
         steps, measures = steps_of(cached_fmu(), **options)

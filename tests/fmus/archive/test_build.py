@@ -206,6 +206,7 @@ def test_compiler_errors_are_told(monkeypatch):
         compiler.compile_library(MODEL, render_header(MODEL, ""), HOST)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("model", "targets"),
     [

@@ -49,6 +49,7 @@ def test_a_step_is_refused_that_is_not_made_of_equal_parts(array, step_s):
     assert motors.save() == unbounded != before
 
 
+@pytest.mark.long
 def test_many_motors(array):
     motors = array(MOST).start(omega_des=np.linspace(100.0, 900.0, MOST))
     assert motors.do_step(0.0, STEP_S) == OK

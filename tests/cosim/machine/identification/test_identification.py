@@ -77,6 +77,7 @@ def test_robots_beside_each_other_move_as_each_alone():
         np.testing.assert_allclose(seen[1, column, :2], trace[0, :2], rtol=1e-3)
 
 
+@pytest.mark.long
 def test_tracks_of_the_paper_s_kind_of_robot_keep_their_bits():
     machines = [
         Machine(TABLE_I._replace(
@@ -276,6 +277,7 @@ def test_usual_forms_of_a_table_are_read_alike(tmp_path, header, separator):
         np.testing.assert_array_equal(read, written)
 
 
+@pytest.mark.long
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(row=st.integers(1, 178), heading_rad=st.floats(-3.0, 3.0), noise_rad=st.floats(-0.3, 0.3))
 def test_lines_that_are_no_frame_are_refused_by_what_they_are(
@@ -416,6 +418,7 @@ def observed(
     return SeenTrack(times, poses, np.array(sequence)[steps])
 
 
+@pytest.mark.long
 def test_machines_are_simulated_with_their_restitution():
     world, drive = World(restitution=0.4), Drive(-1000.0, 1010.0)
     speeds = np.tile([drive.omega_d, drive.omega_e], (101, 1))
