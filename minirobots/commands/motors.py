@@ -274,7 +274,8 @@ class MovePlatform(Command):
         result = move_platforms(self.cycles, self.omega, config.robot, config.motor)
         result.save(out)
         table, motions = result.table, {"fig_3": result.fig_3, "table_ii": result.table_ii}
-        texts = "assumed platform, resembling the printed Fig. 3", "Tables I and II"
+        own = "Tables I and II" if self.preset == PAPER else f"machine {Path(self.preset).stem}"
+        texts = "assumed platform, resembling the printed Fig. 3", own
         names = ("mu", "omega_rad_s", "net_speed_m_s")
         steps = {f"{n}_net_displacement_m": float(m.net_displacement_m) for n, m in motions.items()}
         lines = zip(table.mu, table.slip_and_drift_speed_rad_s, table.net_speed_m_s, strict=True)

@@ -273,15 +273,21 @@ def _motion(platform: Platform, omega: float, cycles: int) -> Motion:
 def move_platforms(
     cycles: int, omega_rad_s: float, robot: RobotParams = TABLE_I, motor: MotorParams = TABLE_II
 ) -> PlatformResult:
-    """Motion of both platforms, and the table of net speeds of the robot's at any friction."""
+    """Motion of both platforms, and the table of net speeds of the robot's at any friction.
+
+    Its motor speeds are slower in proportion for a robot that leaves the floor at slower ones than
+    that of Tables I and II.
+    """
     platforms = [robot_platform(robot._replace(mu=each), motor) for each in TABLE_MU]
+    slower = min(1.0, lift_off_speed(platforms[0]) / lift_off_speed(robot_platform()))
+    speeds = [float(round(slower * omega)) for omega in TABLE_OMEGA]
     return PlatformResult(
         _motion(FIG_3_PLATFORM, FIG_3.omega, cycles),
         _motion(robot_platform(robot, motor), omega_rad_s, cycles),
         SpeedTable(
             np.array(TABLE_MU),
-            np.array(TABLE_OMEGA),
-            np.array([[net_speed(p, omega) for omega in TABLE_OMEGA] for p in platforms]),
+            np.array(speeds),
+            np.array([[net_speed(p, omega) for omega in speeds] for p in platforms]),
             np.array([[slip_speed(p), drift_speed(p)] for p in platforms]),
         ),
     )

@@ -60,6 +60,27 @@ def test_episodes_end_at_the_target_at_the_edge_and_in_time():
     env.close()
 
 
+@pytest.mark.parametrize("reward", ["dense", "sparse"])
+def test_targets_are_drawn_within_reach(reward):
+    for reach in (0.05, 0.12):
+        env = DriveVectorEnv(40, reward=reward, reach=reach)
+        rows, _ = env.reset(seed=4)
+        distances_m = 0.1 * np.hypot(rows[:, 0], rows[:, 1])
+        assert 0.8 * reach < distances_m.max() <= reach + 1e-6
+        env.close()
+
+
+def test_a_place_is_observed_by_both_sides_of_the_board(tmp_path):
+    (tmp_path / "tall.toml").write_text(
+        "columns = 20\nrows = 40\n[[robots]]\ntarget = [10, 30]\nstarts = [[5, 5]]\n"
+    )
+    env = DriveEnv(tmp_path / "tall.toml")
+    place = {"starts": [[0.05, 0.3, 0.0]], "targets": [[0.15, 0.1]]}
+    observation, _ = env.reset(seed=0, options=place)
+    assert observation[4:6].tolist() == pytest.approx([0.25, 0.75])
+    env.close()
+
+
 def test_pairs_see_each_other_and_worlds_are_observed():
     env = DriveVectorEnv(1, "2", context=True, worlds=agent.envs.ROBUST_WORLDS, observe="estimated")
     rows, _ = env.reset(seed=1)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cosim.machine.platform import motion as platform
 from cosim.machine.platform.motion import POINTS_PER_CYCLE, PlatformResult, robot_platform
-from cosim.model.params import FIG_3, TABLE_I
+from cosim.model.params import FIG_3, TABLE_I, TABLE_II
 from cosim.physics import stroke
 
 # mu: omega_c, omega_net, then mm/s at 700 to 1100 rad/s, from an integration with small steps.
@@ -104,6 +104,18 @@ def test_command_writes_its_table_and_motions(tmp_path, command):
     result = PlatformResult.load(out)
     assert result.table.net_speed_m_s.tolist() == last["table_net_speed_m_s"]
     assert result.fig_3.position_m.shape == (3 * POINTS_PER_CYCLE + 1,)
+
+
+def test_the_command_is_about_the_machine_and_its_motors(tmp_path, command):
+    (tmp_path / "heavy.toml").write_text("[body]\nmass_kg = 0.06\n[motor]\nm = 4e-4\nr = 2e-3\n")
+    options = ("--preset", tmp_path / "heavy.toml", "--omega", 500, "--out", tmp_path / "p.npz")
+    done = command("platform", *options, "--json")
+    robot = TABLE_I._replace(mass_kg=0.06, masses_included=True)  # as weighed
+    moved = platform.net_displacement(
+        robot_platform(robot, TABLE_II._replace(m=4e-4, r=2e-3)), 500.0
+    )
+    assert json.loads(done.stdout.splitlines()[-1])["table_ii_net_displacement_m"] == moved
+    assert f"machine heavy: {1e6 * moved:.2f} µm per turn at 500 rad/s" in done.stdout
 
 
 @pytest.mark.parametrize("omega", [0.0, -900.0, 1152.0])

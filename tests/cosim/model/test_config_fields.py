@@ -131,6 +131,14 @@ def test_a_measurement_is_known_by_every_field_that_may_change_it(find, motor_fm
     assert {name for name in NAMES if said(changed(name)) == usual} == IDLE[find] | {"sources"}
 
 
+def test_moves_are_known_by_the_edge_of_their_cells(motor_fmu, monkeypatch):
+    looked = []
+    monkeypatch.setattr(observe, "cached", lambda path, *_, **__: looked.append(path))
+    for cell_m in (0.01, 0.012, 0.0121):
+        observe.cached_moves(CONFIG, motor_fmu, cell_m=cell_m)
+    assert len(set(looked)) == 3
+
+
 def test_moves_are_known_by_every_range_of_their_worlds(motor_fmu):
     given = {"patches": 2, "patch_cells": (2, 3)}
     ranges = [RANGES._replace(**{n: given.get(n, (0.1, 0.2))}) for n in RANGES._fields]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cosim.base.errors import UserError
 from cosim.model.config import CoSimConfig
 from cosim.model.params import TABLE_I, TABLE_II, Foot, MotorShares, lift_off_speed
-from cosim.model.preset import Preset, find_preset
+from cosim.model.preset import Preset, built_in, find_preset
 from cosim.simulation.options import Physics, SimulationOptions
 from docs.examples.draw_machine import machine
 
@@ -44,15 +44,15 @@ def test_shares_of_motors_are_those_of_the_file(tmp_path, written):
 
 
 def test_a_machine_is_read_as_it_was_written(tmp_path, written):
-    preset = find_preset(written(machine(1)))
-    preset.save(tmp_path / "again.toml")
-    again = find_preset(tmp_path / "again.toml")
-    assert again.config().robot == preset.config().robot
-    droplet = find_preset("droplet")
-    droplet.save(tmp_path / "droplet.toml")
-    config = find_preset(tmp_path / "droplet.toml").config()
-    assert (config.robot, config.motor) == (droplet.config().robot, droplet.config().motor)
-    assert config.steering == droplet.config().steering
+    stated = "g = 1.62\nJ = 2e-8\n"
+    moon = MOTOR.replace("axis", f"{stated}m = 1e-4\naxis") + MOTOR.replace("axis", f"{stated}axis")
+    for preset in map(find_preset, (written(machine(1)), written(moon + FEET), *built_in())):
+        preset.save(tmp_path / "again.toml")
+        read, expected = (
+            {name: leaf.value for name, leaf in of.config().leaves().items() if name != "preset"}
+            for of in (find_preset(tmp_path / "again.toml"), preset)
+        )
+        assert read == expected
 
 
 def test_vertical_shafts_lift_nothing():
