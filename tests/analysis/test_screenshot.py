@@ -2,13 +2,14 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import rerun as rr
 from matplotlib.image import imread
 
-from analysis.viewer import _tab_names, screenshot, shrink
+from analysis.viewer import _show_tab, _tab_names, screenshot, shrink
 from cosim.base.arguments import ConfigError
 from cosim.base.errors import UserError
 from minirobots.commands.recordings import Screenshot
@@ -62,6 +63,16 @@ def test_tabs_within_a_tab_are_not_the_first():
         parts = {"/inner": tabs("policies", "r1"), "/outer": tabs("", "overview", "inner")}
         names = _tab_names({path: parts[path] for path in order} | shown)
         assert list(names) == ["/overview", "policies", "/r1"]
+
+
+def test_a_tab_within_a_tab_is_opened_with_that():
+    kept: list[dict[str, Any]] = []
+    client: Any = SimpleNamespace(set_blueprint=lambda blueprint, of: kept.append(blueprint))
+    blueprint: dict[str, Any] = {p: {"ContainerBlueprint": {}} for p in ("/root", "/inner")}
+    names = {"overview": ("/root", "first"), "policies": ("/root", "inner")}
+    _show_tab(client, blueprint, names | {"policy · r2": ("/inner", "second")}, "policy · r2")
+    active = {path: part["ContainerBlueprint"]["active_tab"] for path, part in kept[0].items()}
+    assert active == {"/root": "inner", "/inner": "second"}
 
 
 def test_a_picture_without_width_is_refused():

@@ -95,10 +95,10 @@ def test_policies_in_the_dynamics(width):
 def test_policies_on_the_grid():
     failure = Failure(starts=((1, 2), (3, 4)), outcome=Outcome.COLLISION)
     name = "runs/fig11/c1/run_003/policy.npz"
-    row = grid_row(policy=name, failing_starts=11, failures=(failure,))
+    row = grid_row(policy=name, failing_starts=1234, failures=(failure,) * 12)
     text = printed(grid.GridReport.show, grid.GridReport(rows=(row,), over_policies={"4": OVER}))
-    assert f"{name}: collision from (1, 2) (3, 4)" in text
-    assert "1 more failing starts" in text
+    assert text.count(f"{name}: collision from (1, 2) (3, 4)") == 10
+    assert f"{name}: 1224 more failing starts" in text
     whole = ["scenario", "98.76%", "1.23%", "43.21", "39.87", "1.012", "1.034", "out of board"]
     assert [word for word in whole if word not in text] == []
 

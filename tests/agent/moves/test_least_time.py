@@ -1,6 +1,7 @@
 """The least time on observed moves: against another algorithm over the kernels that play them."""
 
 import heapq
+import os
 from dataclasses import replace
 
 import msgspec
@@ -81,8 +82,12 @@ def test_the_tables_of_the_fastest_lead_to_the_least_time(seconds):
     assert not decided[0].reshape(6, 6, facings)[BOARD.targets[0]].any()
     features, none = ProcessConfig(features=("x", "y", "h")), LearningConfig()
     config = PolicyConfig(BOARD, features, none, Seed(0), moves, method="fastest")
-    policy, *_ = find_or_make(config, again=True)
+    policy, _, path = find_or_make(config)
     assert isinstance(policy, Policy)
+    os.utime(path, (0.0, 0.0))
+    for again in (False, True):
+        find_or_make(config, again=again)
+        assert (path.stat().st_mtime > 0.0) == again
     seconds = mean_seconds(moves)
     for start in [(5, 0), (0, 5), (5, 5), (3, 1)]:
         cell, axis, taken = np.array([start]), (2 if start[1] < 3 else 6) % facings, 0.0

@@ -187,6 +187,12 @@ def test_boards(name):
     assert dark == set(scenario.obstacles)
 
 
+def test_boards_are_drawn_whole():
+    axes: Any = plt.figure().add_subplot()
+    fig05.draw_board(axes, Scenario("flat", "", ((5, 5),), (((9, 9),),), 40, 20, cell_m=0.02))
+    assert (axes.get_xlim(), axes.get_ylim()) == ((0.0, 80.0), (0.0, 40.0))
+
+
 def track(seed: int, robots: int, outcome: str) -> Track:
     times = np.arange(0.0, 30.0, 1.0)
     positions = tuple(made_up(seed + k, (len(times), 2), high=0.3) for k in range(robots))

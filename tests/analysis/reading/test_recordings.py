@@ -162,6 +162,8 @@ def test_inspect_prints_a_page_and_json(recording, episode, cut_recording, comma
     row = next(r for r in content["signals"] if r["signal"] == "/sim/r1/motors/omega")
     expected = {"component": "D", "unit": "rad/s", "samples": 6000, "period_s": 0.005}
     assert row | expected == row
+    raw = next(r for r in content["signals"] if r["signal"] == "/raw/r1/omega")
+    assert raw["period_s"] == 1e-5  # within bursts
     for text in ("outcome timeout", "voltage saturation", "V_s_max", "motors/omega_des"):
         assert text in page
     of_speeds = page.split("/sim/r1/motors/omega in rad/s, 6000 samples every 0.005 s\n")[1]
