@@ -92,6 +92,17 @@ LEGS = """(() => {
   board.drawRobot({ x: 0, y: 0, heading: 0, theta: [], bent }, 0, true);
   return lines.slice(1);
 })()"""
+# Names of a robot's parts and their places, where it is large and heads to the left.
+NAMED = """(() => {
+  const motors = [["D", [0.01, 0.02], [0, 0, -1], [1, 0, 0]]];
+  const machine = { motors, feet: [["A", [-0.02, 0.01]]], legs: [] };
+  const board = Object.create(Board.prototype), scenario = { diameter_m: 0.05 }, texts = {};
+  const g = document.createElement("canvas").getContext("2d");
+  Object.assign(board, { g, scale: 2001, scenario, machine });
+  board.text = (words, x, y) => { texts[words] = [x, y]; };
+  board.drawRobot({ x: 0.1, y: 0.2, heading: Math.PI / 2, theta: [0], bent: [] }, 0, true);
+  return texts;
+})()"""
 # How many points a plot keeps, the first and the last time of them.
 NEWEST = """(() => {
   const [canvas, caption] = ["canvas", "p"].map((kind) => document.createElement(kind));
@@ -267,6 +278,10 @@ def test_curves_have_the_colours_of_their_names_and_legs_their_own_bend():
         ]
         assert zone == pytest.approx([0.04, 0.05, 0.03, 0.02])
         assert len({*words}) == 2
+        named = page.evaluate(NAMED)
+        assert named.keys() == {"1", "D", "A"}
+        assert named["D"] == pytest.approx([0.1 - 0.68 * 0.02, 0.2 + 0.68 * 0.01])
+        assert named["A"] == pytest.approx([0.1 - 0.68 * 0.01, 0.2 - 0.68 * 0.02])
         feet = (0.01, 0.005), (-0.01, 0.005), (-0.01, -0.005)
         for k, ((root, tip), (x, y)) in enumerate(zip(page.evaluate(LEGS), feet, strict=True)):
             assert root == pytest.approx([x + 1e-3 * (k + 1), y])
