@@ -72,18 +72,12 @@ def _keep_bytecode(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with files of which a test takes long: workers share short ones evenly at the end.
 
-    Then with one that compiles the coupled loop, and FMUs, which do not wait for it.
+    Then with two that compile the coupled loop, for pairs and for more robots, at the same time.
     """
     long = {item.path for item in items if item.get_closest_marker("long")}
 
-    def order(item: pytest.Item) -> tuple[bool, bool, bool]:
-        return (
-            item.path not in long,
-            item.path.name != "test_episode.py",
-            "fmus" not in item.path.parts,
-        )
-
-    items.sort(key=order)
+    compiling = {"test_drive.py", "test_episode.py"}
+    items.sort(key=lambda item: (item.path not in long, item.path.name not in compiling))
 
 
 class _ByFixtures(LoadScopeScheduling):

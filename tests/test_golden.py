@@ -268,6 +268,7 @@ def test_outputs_are_those_of_the_golden_file(name, outcome):
     assert not changes(name, outcome(name))
 
 
+@pytest.mark.ci
 def test_refusals_are_those_of_the_golden_file(command, folder, monkeypatch):
     monkeypatch.chdir(folder)
     found = {}
@@ -279,6 +280,7 @@ def test_refusals_are_those_of_the_golden_file(command, folder, monkeypatch):
     assert not changes("refusals", found)
 
 
+@pytest.mark.ci
 def test_environments_are_those_of_the_golden_file():
     """Every row and every value of some steps."""
     found: dict[str, Any] = {}

@@ -175,7 +175,10 @@ BASES = {
     ],
 }
 # Commands that take their time, but for what they show with --show-config
-TAKE_LONG = dict.fromkeys(["bound", "design", "experiments", "study", "train"], pytest.mark.long)
+TAKE_LONG = dict.fromkeys(
+    ["bound", "design", "experiments", "motor-test", "platform", "study", "train", "video"],
+    pytest.mark.long,
+)
 TAKE_LONG |= dict.fromkeys(
     ["calibrate", "evaluate", "motor-loop", "moves", "run", "web"], pytest.mark.slow
 )

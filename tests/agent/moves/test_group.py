@@ -57,6 +57,7 @@ class Cleared(dict):
         return found
 
 
+@pytest.mark.long
 def test_a_policy_may_forget_its_plans_while_another_thread_asks():
     policy, seen = planned(SWAP), observe(SWAP, [(2, 8), (16, 12)], [0, 2])
     vars(policy)["_plans"] = Cleared()

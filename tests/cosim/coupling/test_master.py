@@ -25,6 +25,7 @@ from cosim.physics.body_state import standing_state
 from cosim.physics.lanes import host_lanes
 
 PERIODS, ROBOTS = 200, 2
+REFERENCE = pytest.param("reference", marks=pytest.mark.ci)  # has kernels of its own
 
 
 def plant_with(**changes) -> Plant:
@@ -159,7 +160,7 @@ def test_any_number_of_lanes_gives_the_same_bits(array_fmu, lanes, how):
     assert same(advance(array_fmu, lanes, **how), reference)
 
 
-@pytest.mark.parametrize("driver", [2, "reference", "fmpy"])
+@pytest.mark.parametrize("driver", [2, REFERENCE, "fmpy"])
 def test_collisions_end_the_advance_and_leaving_the_board_outranks_them(array_fmu, driver):
     assert advance(array_fmu, driver, gap_m=0.0499)[0] == (1, COLLISION)
     progress, state, *_ = advance(array_fmu, driver, gap_m=0.0499, board_x=0.07)
@@ -167,7 +168,7 @@ def test_collisions_end_the_advance_and_leaving_the_board_outranks_them(array_fm
     assert state["episodes.events"].tolist() == [COLLISION, OUT_OF_BOARD]
 
 
-@pytest.mark.parametrize("driver", [2, "reference"])
+@pytest.mark.parametrize("driver", [2, REFERENCE])
 def test_an_obstacle_ends_the_advance_of_the_robot_that_touches_it(motor_fmu, driver):
     obstacles = np.array([[0.0, 0.0, 0.3, 0.1], [0.17499, 0.1, 0.2, 0.2]])
     progress, state, samples, _ = advance(motor_fmu, driver, obstacles=obstacles)
@@ -199,6 +200,7 @@ def test_robots_slide_along_obstacles_and_around_their_corners(motor_fmu):
     assert x[-1, 1] > 0.151
 
 
+@pytest.mark.ci
 def test_a_centre_where_it_is_forbidden_ends_the_episode_in_every_driver(motor_fmu):
     ahead = 0.05 + 1e-5, 0.14, 0.06, 0.16
     straight = {"straight": True, "heading": 0.0, "periods": 60}
@@ -214,7 +216,7 @@ def test_a_centre_where_it_is_forbidden_ends_the_episode_in_every_driver(motor_f
     assert on[0] == (60, RUNNING)
 
 
-@pytest.mark.parametrize("driver", [2, "reference"])
+@pytest.mark.parametrize("driver", [2, REFERENCE])
 def test_failing_fmu_is_named_with_its_time(motor_fmu, driver):
     with pytest.raises(FmuError, match=r"instance r1\.D, at 0\.00300 s .*: .*omega_noise"):
         advance(motor_fmu, driver, broken_period=3)

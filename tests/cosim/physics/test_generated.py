@@ -34,7 +34,9 @@ from tests.generated import Machine, broken, machines
 from tests.references.prescribed import coast, energy, push, turning
 
 DT = TIMING.dt_s
-COUNTS = pytest.mark.parametrize("feet", [3, 4, 8])
+COUNTS = pytest.mark.parametrize(
+    "feet", [4, *(pytest.param(n, marks=pytest.mark.long) for n in (3, 8))]
+)
 FEW = settings(max_examples=max(settings().max_examples // 8, 1))
 
 

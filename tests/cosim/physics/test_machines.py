@@ -65,7 +65,7 @@ def test_a_dropped_body_gains_no_energy_and_keeps_the_cone(count, data):
     assert (gained < weight_nm, least, excess < 1e-15) == (True, 0.0, True)
 
 
-@pytest.mark.parametrize("count", [4, 8])
+@pytest.mark.parametrize("count", [4, pytest.param(8, marks=pytest.mark.long)])
 def test_loads_are_those_of_springs(count):
     """A centre of mass off the middle; equal springs under a rigid body, by least squares."""
     angles = (2.0 * np.pi / count * (np.arange(count) + 0.5)).tolist()
