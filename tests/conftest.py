@@ -70,14 +70,16 @@ def _keep_bytecode(config: pytest.Config) -> None:
 
 @pytest.hookimpl(trylast=True)  # of what is not deselected
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with files of which a test takes long: workers share short ones evenly at the end.
+    """Begin with two files that compile the coupled loop, for pairs and for more robots, at once.
 
-    Then with two that compile the coupled loop, for pairs and for more robots, at the same time.
+    Then with those of which a test takes long: workers share short ones evenly at the end.
     """
-    long = {item.path for item in items if item.get_closest_marker("long")}
-
     compiling = {"test_drive.py", "test_episode.py"}
-    items.sort(key=lambda item: (item.path not in long, item.path.name not in compiling))
+    taking = [
+        item for item in items if {mark.name for mark in item.iter_markers()} & {"ci", "long"}
+    ]
+    long = {item.path for item in taking}
+    items.sort(key=lambda item: (item.path.name not in compiling, item.path not in long))
 
 
 class _ByFixtures(LoadScopeScheduling):

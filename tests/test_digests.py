@@ -325,7 +325,7 @@ def test_bits_are_those_committed(kind, tmp_path, straight_policy, monkeypatch):
 @pytest.mark.parametrize(
     "kind",
     [
-        pytest.param(kind, marks=pytest.mark.ci if kind == "studies" else pytest.mark.slow)
+        pytest.param(kind, marks=pytest.mark.long if kind == "studies" else pytest.mark.slow)
         for kind in sorted(PRODUCERS)
     ],
 )
