@@ -70,17 +70,6 @@ def test_targets_are_drawn_within_reach(reward):
         env.close()
 
 
-def test_a_place_is_observed_by_both_sides_of_the_board(tmp_path):
-    (tmp_path / "tall.toml").write_text(
-        "columns = 20\nrows = 40\n[[robots]]\ntarget = [10, 30]\nstarts = [[5, 5]]\n"
-    )
-    env = DriveEnv(tmp_path / "tall.toml")
-    place = {"starts": [[0.05, 0.3, 0.0]], "targets": [[0.15, 0.1]]}
-    observation, _ = env.reset(seed=0, options=place)
-    assert observation[4:6].tolist() == pytest.approx([0.25, 0.75])
-    env.close()
-
-
 def test_pairs_see_each_other_and_worlds_are_observed():
     env = DriveVectorEnv(1, "2", context=True, worlds=agent.envs.ROBUST_WORLDS, observe="estimated")
     rows, _ = env.reset(seed=1)

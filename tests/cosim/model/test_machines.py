@@ -46,7 +46,8 @@ def test_shares_of_motors_are_those_of_the_file(tmp_path, written):
 def test_a_machine_is_read_as_it_was_written(tmp_path, written):
     stated = "g = 1.62\nJ = 2e-8\n"
     moon = MOTOR.replace("axis", f"{stated}m = 1e-4\naxis") + MOTOR.replace("axis", f"{stated}axis")
-    for preset in map(find_preset, (written(machine(1)), written(moon + FEET), *built_in())):
+    presets = [find_preset(written(text)) for text in (machine(1), moon + FEET)]
+    for preset in (*presets, *map(find_preset, built_in())):
         preset.save(tmp_path / "again.toml")
         read, expected = (
             {name: leaf.value for name, leaf in of.config().leaves().items() if name != "preset"}
