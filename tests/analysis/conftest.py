@@ -39,10 +39,10 @@ def evaluate_seldom(patch):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark what needs the reproduction as long: it trains and drives for half a minute."""
+    """Mark what needs the reproduction for CI: it trains and drives for half a minute, once."""
     for item in items:
         if "reproduction" in getattr(item, "fixturenames", ()):
-            item.add_marker(pytest.mark.long)
+            item.add_marker(pytest.mark.ci)
 
 
 @pytest.fixture(autouse=True)

@@ -150,7 +150,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.long
+@pytest.mark.ci
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes in /proc")
 def test_workers_end_with_the_process_that_is_killed(tmp_path):
     script, pids = tmp_path / "waiting.py", tmp_path / "pids"

@@ -119,8 +119,13 @@ def test_a_board_for_a_machine_that_turns_in_circles_has_the_cells_that_are_aske
     CoSimulation(wider, array_fmu, config).reset()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("kind", ["rigid", "reaction", "legs"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        *(pytest.param(kind, marks=pytest.mark.long) for kind in ("rigid", "reaction")),
+        pytest.param("legs", marks=pytest.mark.ci),
+    ],
+)
 def test_drivers_give_another_machine_the_same_bits(kind, array_fmu, tmp_path):
     """Motors of which one has its own r, on feet of which one has its own mu.
 
